@@ -1,0 +1,68 @@
+"""voxjax: fuse 3D occupancy maps of several robots without knowing how the maps lie to each other.
+
+Names are loaded when they are first used, so that `import voxjax` costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "VoxelGrid": "grid",
+    "InputError": "_checks",
+    "RESULTS": "_results",
+    "read_map": "io",
+    "write_map": "io",
+    "box_count": "ops.window",
+    "classify_voxels": "features.classify",
+    "Corners": "features.corners",
+    "detect_corners": "features.corners",
+    "Planes": "planes.fit",
+    "consistency_graph": "matching.consistency",
+    "ConsistencyGraph": "matching.consistency",
+    "maximum_common_subgraph": "matching.common_subgraph",
+    "refine": "registration.refine",
+    "Registration": "registration.types",
+    "register": "pipeline.pair",
+    "fuse": "fusion.fuse",
+    "merge": "pipeline.many",
+    "Merge": "pipeline.many",
+}
+
+__all__ = ["__version__", *_HOME]
+
+if TYPE_CHECKING:
+    from ._checks import InputError as InputError
+    from ._results import RESULTS as RESULTS
+    from .features.classify import classify_voxels as classify_voxels
+    from .features.corners import Corners as Corners
+    from .features.corners import detect_corners as detect_corners
+    from .fusion.fuse import fuse as fuse
+    from .grid import VoxelGrid as VoxelGrid
+    from .io import read_map as read_map
+    from .io import write_map as write_map
+    from .matching.common_subgraph import maximum_common_subgraph as maximum_common_subgraph
+    from .matching.consistency import ConsistencyGraph as ConsistencyGraph
+    from .matching.consistency import consistency_graph as consistency_graph
+    from .ops.window import box_count as box_count
+    from .pipeline.many import Merge as Merge
+    from .pipeline.many import merge as merge
+    from .pipeline.pair import register as register
+    from .planes.fit import Planes as Planes
+    from .registration.refine import refine as refine
+    from .registration.types import Registration as Registration
+
+
+def __getattr__(name: str) -> object:
+    """Load a public name from its module on first use."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'voxjax' has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """All public names, loaded or not."""
+    return sorted(__all__)

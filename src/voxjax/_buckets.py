@@ -1,0 +1,20 @@
+"""The short ladder of shapes that host code pads to, so that a new map compiles nothing new."""
+
+import numpy as np
+
+
+def bucket_size(count: int, smallest: int = 64) -> int:
+    """Return the smallest rung >= `count` of the ladder s, 1.5 s, 2 s, 3 s, 4 s, 6 s, ..."""
+    rung = smallest
+    while rung < count:
+        if rung * 3 // 2 >= count:
+            return rung * 3 // 2
+        rung *= 2
+    return rung
+
+
+def pad_rows(rows: np.ndarray, size: int, fill: float = 0) -> np.ndarray:
+    """Return `rows` with rows of `fill` appended up to `size` rows, same dtype."""
+    padded = np.full((size, *rows.shape[1:]), fill, dtype=rows.dtype)
+    padded[: len(rows)] = rows
+    return padded

@@ -1,0 +1,208 @@
+"""`VoxelGrid`: states of voxels and where they lie.
+
+Axis order is x, y, z everywhere. Voxel (i, j, k) fills `origin + voxel_size * [i, i + 1)` along each axis and its
+centre lies half a voxel further. States live on the host until a kernel takes them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float, Int
+
+from ._checks import InputError, check_pose, check_positive
+from ._types import FREE, OCCUPIED, UNKNOWN, Array
+
+if TYPE_CHECKING:
+    from jaxtyping import Float32, UInt8
+
+
+class VoxelGrid(eqx.Module):
+    """A map: a dense block of voxels that are unknown, free or occupied.
+
+    Attributes:
+        states: uint8 (x, y, z): 0 unknown, 1 free, 2 occupied.
+        origin: float32 (3,) [m]: the outer corner of voxel (0, 0, 0).
+        log_odds: float32 (x, y, z), or None where the source had no probabilities.
+        voxel_size: Edge length of a voxel [m]; static under `jax.jit`.
+    """
+
+    states: UInt8[Array, "x y z"]
+    origin: Float32[Array, "3"]
+    log_odds: Float32[Array, "x y z"] | None
+    voxel_size: float = eqx.field(static=True)
+
+    def __init__(self, states: object, origin: object, voxel_size: float, log_odds: object = None):
+        """Check and convert; arrays of the right dtype are kept as they are, on host or device."""
+        self.states = _as_dtype("states", states, np.uint8)
+        self.origin = _as_dtype("origin", origin, np.float32)
+        self.log_odds = None if log_odds is None else _as_dtype("log_odds", log_odds, np.float32)
+        self.voxel_size = check_positive("voxel_size", voxel_size, "m")
+        if self.states.ndim != 3:
+            raise InputError(f"states must have three axes (x, y, z), got shape {self.states.shape}.")
+        if self.origin.shape != (3,):
+            raise InputError(f"origin must have shape (3,), got {self.origin.shape}.")
+        if self.log_odds is not None and self.log_odds.shape != self.states.shape:
+            raise InputError(
+                f"log_odds must have the shape of states {self.states.shape}, got {self.log_odds.shape}."
+            )
+
+    @classmethod
+    def from_points(
+        cls, points: object, *, voxel_size: float, sensor_origins: object = None, max_range: float | None = None
+    ) -> VoxelGrid:
+        """Make a grid from a cloud.
+
+        Args:
+            points: (n, 3) [m].
+            voxel_size: Edge length of a voxel [m].
+            sensor_origins: None (all other voxels stay unknown), (3,) for a single scan or (n, 3), one a point [m];
+                with origins, the voxels that the rays cross are free.
+            max_range: Rays longer than this [m] free space up to it and occupy nothing.
+
+        Raises:
+            InputError: If the cloud is not (n, 3) finite numbers, or would need an impossible number of voxels.
+        """
+        from .ops.raycast import grid_from_points
+
+        states, origin = grid_from_points(
+            points, voxel_size=check_positive("voxel_size", voxel_size, "m"), sensor_origins=sensor_origins,
+            max_range=max_range,
+        )  # fmt: skip
+        return cls(states, origin, voxel_size)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Number of voxels along x, y, z."""
+        return self.states.shape  # pyright: ignore[reportReturnType]
+
+    @property
+    def num_occupied(self) -> int:
+        """Number of occupied voxels."""
+        return int(np.count_nonzero(np.asarray(self.states) == OCCUPIED))
+
+    @property
+    def num_free(self) -> int:
+        """Number of free voxels."""
+        return int(np.count_nonzero(np.asarray(self.states) == FREE))
+
+    @property
+    def extent(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest outer corner [m], each float32 (3,)."""
+        low = np.asarray(self.origin)
+        return low, (low + np.float32(self.voxel_size) * np.asarray(self.shape, np.float32)).astype(np.float32)
+
+    def occupied_index(self) -> np.ndarray:
+        """Indices of the occupied voxels, int32 (n, 3), in lexicographic order."""
+        return np.argwhere(np.asarray(self.states) == OCCUPIED).astype(np.int32)
+
+    def occupied_points(self) -> np.ndarray:
+        """Centres of the occupied voxels, float32 (n, 3) [m], same order as `occupied_index`."""
+        return self.world_from_index(self.occupied_index())
+
+    def world_from_index(self, index: Int[Array, "*n 3"] | Float[Array, "*n 3"]) -> np.ndarray:
+        """Centres [m] of voxel indices; fractional indices are fine."""
+        offset = (np.asarray(index, np.float64) + 0.5) * self.voxel_size
+        return (np.asarray(self.origin, np.float64) + offset).astype(np.float32)
+
+    def index_from_world(self, points: Float[Array, "*n 3"]) -> np.ndarray:
+        """Indices int32 of the voxels that hold the points [m]; may lie outside the grid."""
+        offset = (np.asarray(points, np.float64) - np.asarray(self.origin, np.float64)) / self.voxel_size
+        return np.floor(offset).astype(np.int32)
+
+    def crop_to_known(self, margin: int = 0) -> VoxelGrid:
+        """Cut to the bounding box of the free and occupied voxels, plus `margin` voxels where the grid has them.
+
+        A grid with nothing known becomes one unknown voxel at the same origin.
+        """
+        is_known = np.asarray(self.states) != UNKNOWN
+        lows, highs = [], []
+        for axis in range(3):
+            hit = np.flatnonzero(is_known.any(axis=tuple(a for a in range(3) if a != axis)))
+            lows.append(max(int(hit[0]) - margin, 0) if hit.size else 0)
+            highs.append(min(int(hit[-1]) + 1 + margin, self.shape[axis]) if hit.size else 1)
+        window = tuple(slice(low, high) for low, high in zip(lows, highs, strict=True))
+        origin = np.asarray(self.origin, np.float64) + np.asarray(lows, np.float64) * self.voxel_size
+        log_odds = None if self.log_odds is None else np.asarray(self.log_odds)[window]
+        return VoxelGrid(
+            np.asarray(self.states)[window] if all(self.shape) else np.zeros((1, 1, 1), np.uint8),
+            origin.astype(np.float32), self.voxel_size, log_odds if all(self.shape) else None,
+        )  # fmt: skip
+
+    def with_voxel_size(self, voxel_size: float) -> VoxelGrid:
+        """The same map at another resolution, on the lattice of multiples of `voxel_size`.
+
+        Coarser: a voxel is occupied if any of its parts is, else free if any part is free. Finer: voxels are split.
+        The ratio may be any number: each fine voxel goes where its centre lies.
+        """
+        from .ops.rescale import rescale_states
+
+        voxel_size = check_positive("voxel_size", voxel_size, "m")
+        if voxel_size == self.voxel_size:
+            return self
+        states, origin, log_odds = rescale_states(
+            np.asarray(self.states), np.asarray(self.origin), self.voxel_size, voxel_size,
+            None if self.log_odds is None else np.asarray(self.log_odds),
+        )  # fmt: skip
+        return VoxelGrid(states, origin, voxel_size, log_odds)
+
+    def transformed(self, T: object) -> VoxelGrid:
+        """The map moved by the rigid transform `T` (4, 4) and resampled on a lattice of the same voxel size.
+
+        Backward lookup of the nearest voxel, so that surfaces get no holes.
+        """
+        from .ops.resample import resample_rigid
+
+        states, origin, log_odds = resample_rigid(
+            np.asarray(self.states), np.asarray(self.origin), self.voxel_size, check_pose("T", T),
+            None if self.log_odds is None else np.asarray(self.log_odds),
+        )  # fmt: skip
+        return VoxelGrid(states, origin, self.voxel_size, log_odds)
+
+    def equals(self, other: VoxelGrid) -> bool:
+        """Whether both hold the same voxels at the same places (geometry, states and log-odds)."""
+        if self.shape != other.shape or self.voxel_size != other.voxel_size:
+            return False
+        same_log_odds = (self.log_odds is None) == (other.log_odds is None) and (
+            self.log_odds is None or np.array_equal(np.asarray(self.log_odds), np.asarray(other.log_odds))
+        )
+        return bool(
+            same_log_odds
+            and np.array_equal(np.asarray(self.origin), np.asarray(other.origin))
+            and np.array_equal(np.asarray(self.states), np.asarray(other.states))
+        )
+
+    def __eq__(self, other: object) -> bool:
+        """Same as `equals`; False for other types."""
+        return isinstance(other, VoxelGrid) and self.equals(other)
+
+    __hash__ = None  # pyright: ignore[reportAssignmentType]
+
+    def __repr__(self) -> str:
+        """One line: shape, voxel size, extent and the share of each state."""
+        if not isinstance(self.states, (np.ndarray,)) and not hasattr(self.states, "__array__"):
+            return f"VoxelGrid(states={self.states}, voxel_size={self.voxel_size})"
+        low, high = self.extent
+        total = max(int(np.prod(self.shape)), 1)
+        shares = ", ".join(
+            f"{count:,} {name} ({100 * count / total:.1f} %)"
+            for count, name in ((self.num_occupied, "occupied"), (self.num_free, "free"))
+        )
+        size = " x ".join(map(str, self.shape))
+        box = " ".join(f"{axis} {a:.2f}..{b:.2f}" for axis, a, b in zip("xyz", low, high, strict=True))
+        odds = ", with log-odds" if self.log_odds is not None else ""
+        return f"VoxelGrid({size} voxels of {self.voxel_size:g} m, {box} m, {shares}{odds})"
+
+
+def _as_dtype(name: str, value: object, dtype: type) -> Array:
+    """`value` with the dtype; host data becomes NumPy, device arrays and tracers stay."""
+    if hasattr(value, "aval") or type(value) is object:  # a tracer, or a placeholder while JAX unflattens
+        return value  # pyright: ignore[reportReturnType]
+    if hasattr(value, "devices") and getattr(value, "dtype", None) == dtype:
+        return value  # pyright: ignore[reportReturnType]
+    array = np.asarray(value)
+    if array.dtype != dtype and name == "states":
+        raise InputError(f"states must be uint8 with 0 unknown, 1 free, 2 occupied, got dtype {array.dtype}.")
+    return array.astype(dtype, copy=False)

@@ -1,0 +1,111 @@
+"""Rigid motions as plain (4, 4) matrices: exp, log, inverse, action.
+
+Tangent vectors are (translation, rotation), metres and radians. `T_a_b` maps points of frame b into frame a.
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Float
+
+from ._types import Array
+
+
+def hat(omega: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
+    """Return the skew matrix of `omega`, so that `hat(w) @ v = w x v`."""
+    x, y, z = omega[..., 0], omega[..., 1], omega[..., 2]
+    zero = jnp.zeros_like(x)
+    rows = [jnp.stack(r, axis=-1) for r in ((zero, -z, y), (z, zero, -x), (-y, x, zero))]
+    return jnp.stack(rows, axis=-2)
+
+
+def _series_coefficients(angle_sq: Array) -> tuple[Array, Array, Array]:
+    """sin t / t, (1 - cos t) / t^2 and (t - sin t) / t^3 as smooth functions of t^2, also at zero."""
+    is_small = angle_sq < 1e-2
+    angle_sq_safe = jnp.where(is_small, jnp.ones_like(angle_sq), angle_sq)
+    t = jnp.sqrt(angle_sq_safe)
+    # Two trigonometric calls and three Taylor series: float32 loses 1 - cos t below t = 0.1.
+    a = jnp.where(is_small, 1.0 - angle_sq / 6.0 + angle_sq**2 / 120.0, jnp.sin(t) / t)
+    b = jnp.where(is_small, 0.5 - angle_sq / 24.0 + angle_sq**2 / 720.0, (1.0 - jnp.cos(t)) / angle_sq_safe)
+    c = jnp.where(
+        is_small, 1.0 / 6.0 - angle_sq / 120.0 + angle_sq**2 / 5040.0, (t - jnp.sin(t)) / (angle_sq_safe * t)
+    )
+    return a, b, c
+
+
+def exp_so3(omega: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
+    """Rotation matrix of a rotation vector [rad]; smooth at zero."""
+    a, b, _ = _series_coefficients(jnp.sum(omega * omega, axis=-1))
+    skew = hat(omega)
+    return jnp.eye(3, dtype=omega.dtype) + a[..., None, None] * skew + b[..., None, None] * (skew @ skew)
+
+
+def exp(tangent: Float[Array, "*batch 6"]) -> Float[Array, "*batch 4 4"]:
+    """Pose of a tangent vector (translation [m], rotation [rad])."""
+    v, omega = tangent[..., :3], tangent[..., 3:]
+    a, b, c = _series_coefficients(jnp.sum(omega * omega, axis=-1))
+    skew = hat(omega)
+    skew_sq = skew @ skew
+    identity = jnp.eye(3, dtype=tangent.dtype)
+    rotation = identity + a[..., None, None] * skew + b[..., None, None] * skew_sq
+    left_jacobian = identity + b[..., None, None] * skew + c[..., None, None] * skew_sq
+    return from_rotation_translation(rotation, (left_jacobian @ v[..., None])[..., 0])
+
+
+def log_so3(rotation: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3"]:
+    """Rotation vector [rad] of a rotation matrix, angle in [0, pi]; goes through the quaternion."""
+    m00, m11, m22 = rotation[..., 0, 0], rotation[..., 1, 1], rotation[..., 2, 2]
+    # Four candidates for 4 * q * (one component); the one with the largest square is well conditioned.
+    squares = jnp.stack(
+        [1.0 + m00 + m11 + m22, 1.0 + m00 - m11 - m22, 1.0 - m00 + m11 - m22, 1.0 - m00 - m11 + m22], axis=-1
+    )
+    r = rotation
+    wx, wy, wz = r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]
+    xy, xz, yz = r[..., 0, 1] + r[..., 1, 0], r[..., 0, 2] + r[..., 2, 0], r[..., 1, 2] + r[..., 2, 1]
+    candidates = jnp.stack(
+        [
+            jnp.stack([squares[..., 0], wx, wy, wz], axis=-1),
+            jnp.stack([wx, squares[..., 1], xy, xz], axis=-1),
+            jnp.stack([wy, xy, squares[..., 2], yz], axis=-1),
+            jnp.stack([wz, xz, yz, squares[..., 3]], axis=-1),
+        ],
+        axis=-2,
+    )
+    best = jnp.argmax(squares, axis=-1)
+    q = jnp.take_along_axis(candidates, best[..., None, None], axis=-2)[..., 0, :]
+    q = q / jnp.linalg.norm(q, axis=-1, keepdims=True)
+    q = jnp.where(q[..., :1] < 0.0, -q, q)
+    w, v = q[..., 0], q[..., 1:]
+    norm_sq = jnp.sum(v * v, axis=-1)
+    is_small = norm_sq < 1e-8
+    norm_safe = jnp.sqrt(jnp.where(is_small, jnp.ones_like(norm_sq), norm_sq))
+    scale = jnp.where(is_small, 2.0 / jnp.where(is_small, w, jnp.ones_like(w)), 2.0 * jnp.arctan2(norm_safe, w) / norm_safe)
+    return v * scale[..., None]
+
+
+def log(T: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 6"]:
+    """Tangent vector (translation [m], rotation [rad]) of a pose; inverse of `exp` for angles below pi."""
+    omega = log_so3(T[..., :3, :3])
+    _, b, c = _series_coefficients(jnp.sum(omega * omega, axis=-1))
+    skew = hat(omega)
+    left_jacobian = jnp.eye(3, dtype=T.dtype) + b[..., None, None] * skew + c[..., None, None] * (skew @ skew)
+    v = jnp.linalg.solve(left_jacobian, T[..., :3, 3:])[..., 0]
+    return jnp.concatenate([v, omega], axis=-1)
+
+
+def from_rotation_translation(
+    rotation: Float[Array, "*batch 3 3"], translation: Float[Array, "*batch 3"]
+) -> Float[Array, "*batch 4 4"]:
+    """Pose matrix of a rotation and a translation [m]."""
+    top = jnp.concatenate([rotation, translation[..., None]], axis=-1)
+    bottom = jnp.broadcast_to(jnp.asarray([0.0, 0.0, 0.0, 1.0], top.dtype), (*top.shape[:-2], 1, 4))
+    return jnp.concatenate([top, bottom], axis=-2)
+
+
+def inverse(T: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 4 4"]:
+    """Inverse pose, by transposition: `T_b_a` of `T_a_b`."""
+    rotation_t = jnp.swapaxes(T[..., :3, :3], -1, -2)
+    return from_rotation_translation(rotation_t, -(rotation_t @ T[..., :3, 3:])[..., 0])
+
+
+def apply(T: Float[Array, "4 4"], points: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
+    """Points [m] moved by the pose: `p_a = T_a_b @ p_b`."""
+    return points @ jnp.swapaxes(T[:3, :3], 0, 1) + T[:3, 3]
