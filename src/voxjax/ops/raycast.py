@@ -1,0 +1,198 @@
+"""Ray casting on the voxel lattice: which voxels a ray crosses, and grids made from clouds.
+
+`mark_crossed_voxels` is the kernel: it walks all rays in lock step from voxel to voxel, exactly. The host functions
+around it cut rays into batches of similar length, so that memory is bounded and no walker waits long for another.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float32, Int32, UInt8
+
+from .._buckets import bucket_size, pad_rows
+from .._checks import InputError, check_positive
+from .._types import FREE, OCCUPIED, UNKNOWN, Array
+
+MAX_VOXELS = 2**30
+"""Largest dense grid that is made from a cloud: 1 GiB of states, and flat indices fit int32."""
+
+_RAYS_PER_BATCH = 4096
+
+
+@jax.jit
+def mark_crossed_voxels(
+    is_crossed: Bool[Array, " v"],
+    start_index: Int32[Array, "n 3"],
+    start_offset: Float32[Array, "n 3"],
+    end_index: Int32[Array, "n 3"],
+    end_offset: Float32[Array, "n 3"],
+    strides: Int32[Array, "3"],
+    mask: Bool[Array, " n"],
+) -> Bool[Array, " v"]:
+    """Mark the voxels that straight rays cross, start and end voxels included.
+
+    A ray steps to the next voxel along the axis whose lattice plane it meets first (Amanatides and Woo, 1987). The
+    number of steps along each axis is known from the two indices, so rounding can swap two steps that fall together
+    but cannot miss the end voxel.
+
+    Args:
+        is_crossed: Flat grid, True where voxels are marked already.
+        start_index: Voxel of each start.
+        start_offset: Place of the start inside its voxel, in [0, 1) [voxel].
+        end_index: Voxel of each end.
+        end_offset: Place of the end inside its voxel, in [0, 1) [voxel].
+        strides: Distance of neighbours along x, y, z in the flat grid.
+        mask: Which rays count.
+
+    Returns:
+        `is_crossed` with more voxels marked. Indices outside the flat grid are dropped.
+    """
+    steps_index = end_index - start_index
+    steps = jnp.where(mask[:, None], jnp.abs(steps_index), 0).T
+    displacement = steps_index.astype(jnp.float32) + (end_offset - start_offset)
+    # Rays without a step along an axis never use its times, so any positive length will do there.
+    length = jnp.where(steps_index != 0, jnp.abs(displacement), jnp.float32(1.0))
+    to_first_plane = jnp.where(steps_index > 0, jnp.float32(1.0) - start_offset, start_offset)
+    first, interval = (to_first_plane / length).T, (jnp.float32(1.0) / length).T
+    flat_step = (jnp.sign(steps_index) * strides[None, :]).T
+    outside = jnp.int32(is_crossed.shape[0])
+    flat = jnp.where(mask, jnp.sum(start_index * strides[None, :], axis=1, dtype=jnp.int32), outside)
+    num_rounds = jnp.max(jnp.sum(steps, axis=0, dtype=jnp.int32), initial=0)
+
+    def step(carry: tuple) -> tuple:
+        done, flat, counts, marked = carry
+        is_left = counts < steps
+        times = jnp.where(is_left, first + counts.astype(jnp.float32) * interval, jnp.inf)
+        takes_x = (times[0] <= times[1]) & (times[0] <= times[2])
+        takes_y = ~takes_x & (times[1] <= times[2])
+        moves = jnp.stack([takes_x, takes_y, ~takes_x & ~takes_y]) & is_left
+        flat = flat + jnp.sum(jnp.where(moves, flat_step, 0), axis=0, dtype=jnp.int32)
+        return done + 1, flat, counts + moves.astype(jnp.int32), marked.at[flat].set(True, mode="drop")
+
+    marked = is_crossed.at[flat].set(True, mode="drop")
+    carry = (jnp.int32(0), flat, jnp.zeros_like(steps), marked)
+    return jax.lax.while_loop(lambda c: c[0] < num_rounds, step, carry)[3]
+
+
+def crossed_voxels(starts: np.ndarray, ends: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
+    """Mark the voxels of a grid that rays cross, in batches.
+
+    Args:
+        starts: (n, 3) in voxels from the grid's outer corner; inside the grid.
+        ends: (n, 3), likewise.
+        shape: Number of voxels along x, y, z.
+
+    Returns:
+        bool (x, y, z): True where a ray crosses, starts or ends.
+    """
+    start_index, start_offset = _split(starts)
+    end_index, end_offset = _split(ends)
+    strides = np.asarray([shape[1] * shape[2], shape[2], 1], np.int32)
+    num_voxels = int(np.prod(shape))
+    marked = jnp.zeros(bucket_size(num_voxels, 4096), bool)
+    order = np.argsort(np.abs(end_index - start_index).sum(axis=1), kind="stable")
+    for first in range(0, len(order), _RAYS_PER_BATCH):
+        batch = order[first : first + _RAYS_PER_BATCH]
+        size = bucket_size(len(batch))
+        rows = (start_index, start_offset, end_index, end_offset)
+        padded = [pad_rows(array[batch], size) for array in rows]
+        marked = mark_crossed_voxels(marked, *padded, strides, np.arange(size) < len(batch))
+    return np.asarray(marked)[:num_voxels].reshape(shape)
+
+
+def grid_from_points(
+    points: object, *, voxel_size: float, sensor_origins: object = None, max_range: float | None = None
+) -> tuple[UInt8[np.ndarray, "x y z"], Float32[np.ndarray, "3"]]:
+    """Make the states of a grid from a cloud, its origin on the lattice of multiples of `voxel_size`.
+
+    A voxel that holds a point is occupied; with sensor origins, other voxels that a ray crosses are free.
+
+    Args:
+        points: (n, 3) [m].
+        voxel_size: Edge length of a voxel [m].
+        sensor_origins: None, (3,) for all points or (n, 3), one a point [m].
+        max_range: Rays longer than this [m] free space up to it and occupy nothing.
+
+    Returns:
+        States uint8 (x, y, z) that just hold the points and sensor origins, and the origin float32 (3,) [m]. A cloud
+        without points gives one unknown voxel.
+
+    Raises:
+        InputError: If an argument has a wrong shape, is not finite, or the grid would have too many voxels.
+    """
+    voxel_size = check_positive("voxel_size", voxel_size, "m")
+    cloud = _checked_points("points", points)
+    if sensor_origins is None and max_range is not None:
+        raise InputError(f"max_range needs sensor_origins, got max_range={max_range!r} without them.")
+    if not len(cloud):
+        return np.full((1, 1, 1), UNKNOWN, np.uint8), np.zeros(3, np.float32)
+    starts = cloud if sensor_origins is None else _checked_origins(sensor_origins, len(cloud))
+    ends, is_hit = _cut_rays(starts, cloud, max_range)
+    low, shape = _lattice_box(np.concatenate([starts, ends]), voxel_size)
+    states = np.full(shape, UNKNOWN, np.uint8)
+    if sensor_origins is not None:
+        states[crossed_voxels(starts / voxel_size - low, ends / voxel_size - low, shape)] = FREE
+    hits = np.floor(ends[is_hit] / voxel_size).astype(np.int64) - low
+    states[tuple(hits.T)] = OCCUPIED
+    return states, (low * voxel_size).astype(np.float32)
+
+
+def _split(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Voxel index int32 and offset float32 in [0, 1) of places given in voxels."""
+    index = np.floor(places)
+    return index.astype(np.int32), (places - index).astype(np.float32)
+
+
+def _checked_points(name: str, points: object) -> np.ndarray:
+    """`points` as float64 (n, 3)."""
+    try:
+        cloud = np.asarray(points, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"{name} must be an (n, 3) array of numbers [m], got {type(points).__name__}."
+        ) from None
+    if cloud.size == 0 and cloud.ndim <= 2 and (cloud.ndim < 2 or cloud.shape[1] in (0, 3)):
+        return np.zeros((0, 3))
+    if cloud.ndim != 2 or cloud.shape[1] != 3:
+        raise InputError(f"{name} must have shape (n, 3), one x, y, z [m] a row, got shape {cloud.shape}.")
+    num_bad = int(np.count_nonzero(~np.isfinite(cloud).all(axis=1)))
+    if num_bad:
+        raise InputError(
+            f"{name} must be finite, but {num_bad} of {len(cloud)} rows are not; drop those rows."
+        )
+    return cloud
+
+
+def _checked_origins(sensor_origins: object, num_points: int) -> np.ndarray:
+    """One sensor origin a point, float64 (n, 3)."""
+    origins = np.asarray(sensor_origins, dtype=np.float64)
+    if origins.shape not in ((3,), (num_points, 3)):
+        raise InputError(
+            f"sensor_origins must have shape (3,) or one row a point ({num_points}, 3), got {origins.shape}."
+        )
+    return np.broadcast_to(_checked_points("sensor_origins", origins.reshape(-1, 3)), (num_points, 3))
+
+
+def _cut_rays(starts: np.ndarray, ends: np.ndarray, max_range: float | None) -> tuple[np.ndarray, np.ndarray]:
+    """Ends cut to the range, and which of them are hits."""
+    if max_range is None:
+        return ends, np.ones(len(ends), bool)
+    limit = check_positive("max_range", max_range, "m")
+    length = np.linalg.norm(ends - starts, axis=1)
+    is_hit = length <= limit
+    scale = np.where(is_hit, 1.0, limit / np.maximum(length, limit))[:, None]
+    return np.where(is_hit[:, None], ends, starts + (ends - starts) * scale), is_hit
+
+
+def _lattice_box(places: np.ndarray, voxel_size: float) -> tuple[np.ndarray, tuple[int, int, int]]:
+    """Lowest voxel index int64 (3,) and the shape of the smallest lattice box around places [m]."""
+    low = np.floor(places.min(axis=0) / voxel_size)
+    size = np.floor(places.max(axis=0) / voxel_size) - low + 1.0
+    # float32 places and the int32 lattice end at about 2^31 voxels from zero, whatever the size of the box.
+    if float(np.prod(size)) > MAX_VOXELS or float(np.abs(low).max()) > 2**31:
+        extent = " x ".join(f"{length:.4g}" for length in size * voxel_size)
+        raise InputError(
+            f"points span {extent} m, which is {np.prod(size):.3g} voxels of {voxel_size:g} m, above the limit of "
+            f"{MAX_VOXELS}; give a larger voxel_size, or drop points that lie far out (max_range cuts long rays)."
+        )
+    return low.astype(np.int64), (int(size[0]), int(size[1]), int(size[2]))

@@ -1,0 +1,146 @@
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from oracles.raycast import crossed_by_clipping
+from voxjax import VoxelGrid
+from voxjax._checks import InputError
+from voxjax._types import FREE, OCCUPIED, UNKNOWN
+from voxjax.ops import raycast
+from voxjax.ops.raycast import crossed_voxels, grid_from_points, mark_crossed_voxels
+
+SHAPE = (9, 7, 5)
+ROUNDING = 1e-4  # voxels: float32 may give or withhold a voxel that the ray only touches
+
+
+def places(seed, count):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(0.0, 1.0, (count, 3)) * np.asarray(SHAPE)
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_crossed_voxels_are_those_that_hold_a_piece_of_the_ray(seed):
+    start, end = places(seed, 2)
+    marked = crossed_voxels(start[None], end[None], SHAPE)
+    length = crossed_by_clipping(start, end, SHAPE)
+    assert marked[length > ROUNDING].all()
+    assert not marked[length < -ROUNDING].any()
+    steps = np.abs(np.floor(end) - np.floor(start)).sum()
+    assert marked.sum() == steps + 1
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_ray_along_an_axis_crosses_a_straight_row(axis, sign):
+    start = np.full(3, 2.5)
+    end = start.copy()
+    end[axis] += sign * 2
+    marked = crossed_voxels(start[None], end[None], SHAPE)
+    index = np.argwhere(marked)
+    assert len(index) == 3
+    assert set(index[:, axis]) == {2, 2 + sign, 2 + 2 * sign}
+
+
+def test_many_rays_mark_the_union_whatever_the_batches(monkeypatch):
+    starts, ends = places(1, 300), places(2, 300)
+    whole = crossed_voxels(starts, ends, SHAPE)
+    monkeypatch.setattr(raycast, "_RAYS_PER_BATCH", 64)
+    assert np.array_equal(whole, crossed_voxels(starts, ends, SHAPE))
+    single = [crossed_voxels(s[None], e[None], SHAPE) for s, e in zip(starts[:20], ends[:20], strict=True)]
+    assert np.array_equal(np.any(single, axis=0), crossed_voxels(starts[:20], ends[:20], SHAPE))
+
+
+def test_masked_rays_mark_nothing():
+    index = jnp.zeros((2, 3), jnp.int32)
+    offset = jnp.full((2, 3), 0.5, jnp.float32)
+    strides = jnp.asarray([35, 5, 1], jnp.int32)
+    ends = jnp.asarray([[3, 0, 0], [0, 3, 0]], jnp.int32)
+    mask = jnp.asarray([True, False])
+    marked = mark_crossed_voxels(jnp.zeros(315, bool), index, offset, ends, offset, strides, mask)
+    assert np.flatnonzero(np.asarray(marked)).tolist() == [0, 35, 70, 105]
+
+
+def test_cloud_without_origins_marks_only_its_voxels():
+    points = np.asarray([[0.05, -0.05, 0.31], [0.07, -0.02, 0.33], [1.04, 0.5, 0.3]], np.float32)
+    states, origin = grid_from_points(points, voxel_size=0.1)
+    assert states.dtype == np.uint8
+    assert origin.dtype == np.float32
+    np.testing.assert_allclose(origin, [0.0, -0.1, 0.3], atol=1e-6)
+    assert states.shape == (11, 7, 1)
+    assert np.count_nonzero(states == OCCUPIED) == 2
+    assert np.count_nonzero(states == UNKNOWN) == states.size - 2
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), voxel_size=st.sampled_from([0.05, 0.1, 0.3]))
+def test_rays_free_what_they_cross_and_hits_win(seed, voxel_size):
+    rng = np.random.default_rng(seed)
+    points, origins = rng.normal(size=(2, 12, 3))
+    states, origin = grid_from_points(points, voxel_size=voxel_size, sensor_origins=origins)
+    grid = VoxelGrid(states, origin, voxel_size)
+    np.testing.assert_allclose(origin / voxel_size, np.round(origin / voxel_size), atol=1e-4)
+    low = np.round(origin.astype(np.float64) / voxel_size)
+    lengths = [
+        crossed_by_clipping(o / voxel_size - low, p / voxel_size - low, states.shape)
+        for o, p in zip(origins, points, strict=True)
+    ]
+    longest = np.max(lengths, axis=0)
+    assert (states[longest > ROUNDING] != UNKNOWN).all()
+    assert (states[longest < -ROUNDING] == UNKNOWN).all()
+    hit = np.unique(np.floor(points / voxel_size).astype(int) - low.astype(int), axis=0)
+    assert (states[tuple(hit.T)] == OCCUPIED).all()
+    assert np.count_nonzero(states == OCCUPIED) == len(hit)
+    assert np.isin(grid.index_from_world(origins).min(axis=0), [0, *range(1000)]).all()
+
+
+def test_one_origin_serves_all_points():
+    points = np.asarray([[1.05, 0.05, 0.05], [0.05, 1.05, 0.05]])
+    one = grid_from_points(points, voxel_size=0.1, sensor_origins=[0.05, 0.05, 0.05])
+    each = grid_from_points(points, voxel_size=0.1, sensor_origins=np.full((2, 3), 0.05))
+    assert np.array_equal(one[0], each[0])
+    assert np.count_nonzero(one[0] == FREE) == 19
+
+
+def test_rays_beyond_the_range_free_space_and_occupy_nothing():
+    states, origin = grid_from_points(
+        np.asarray([[5.05, 0.05, 0.05]]), voxel_size=0.1, sensor_origins=[0.05, 0.05, 0.05], max_range=2.0
+    )
+    assert states.shape == (21, 1, 1)
+    assert (states == FREE).all()
+    np.testing.assert_allclose(origin, 0.0, atol=1e-7)
+
+
+def test_cloud_without_points_is_one_unknown_voxel():
+    states, _ = grid_from_points(np.zeros((0, 3)), voxel_size=0.1, sensor_origins=[0.0, 0.0, 0.0])
+    assert states.shape == (1, 1, 1)
+    assert states[0, 0, 0] == UNKNOWN
+
+
+@pytest.mark.parametrize(
+    ("points", "options", "words"),
+    [
+        (np.zeros((4, 2)), {}, "points must have shape"),
+        (np.full((4, 3), np.nan), {}, "4 of 4 rows"),
+        ("cloud", {}, "points must be an"),
+        (np.asarray([[0.0, 0, 0], [1e6, 1e6, 1e6]]), {}, "larger voxel_size"),
+        (np.full((1, 3), 1e30), {}, "larger voxel_size"),
+        (np.zeros((4, 3)), {"voxel_size": -1.0}, "voxel_size must be"),
+        (np.zeros((4, 3)), {"sensor_origins": np.zeros((3, 3))}, "sensor_origins must have shape"),
+        (np.zeros((4, 3)), {"sensor_origins": [0, 0, np.inf]}, "sensor_origins must be finite"),
+        (np.zeros((4, 3)), {"sensor_origins": [0, 0, 0], "max_range": 0.0}, "max_range must be"),
+        (np.zeros((4, 3)), {"max_range": 2.0}, "max_range needs sensor_origins"),
+    ],
+)
+def test_unusable_input_is_refused_in_one_sentence(points, options, words):
+    with pytest.raises(InputError, match=words) as caught:
+        grid_from_points(points, **{"voxel_size": 0.1, **options})
+    assert "\n" not in str(caught.value)
+
+
+def test_absurd_extent_is_refused_before_memory_is_taken():
+    far = np.asarray([[0.0, 0.0, 0.0], [5e3, 5e3, 5e3]])
+    with pytest.raises(InputError, match="1.25e"):
+        VoxelGrid.from_points(far, voxel_size=0.1)
