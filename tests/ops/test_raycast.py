@@ -80,7 +80,6 @@ def test_rays_free_what_they_cross_and_hits_win(seed, voxel_size):
     rng = np.random.default_rng(seed)
     points, origins = rng.normal(size=(2, 12, 3))
     states, origin = grid_from_points(points, voxel_size=voxel_size, sensor_origins=origins)
-    grid = VoxelGrid(states, origin, voxel_size)
     np.testing.assert_allclose(origin / voxel_size, np.round(origin / voxel_size), atol=1e-4)
     low = np.round(origin.astype(np.float64) / voxel_size)
     lengths = [
@@ -93,7 +92,6 @@ def test_rays_free_what_they_cross_and_hits_win(seed, voxel_size):
     hit = np.unique(np.floor(points / voxel_size).astype(int) - low.astype(int), axis=0)
     assert (states[tuple(hit.T)] == OCCUPIED).all()
     assert np.count_nonzero(states == OCCUPIED) == len(hit)
-    assert np.isin(grid.index_from_world(origins).min(axis=0), [0, *range(1000)]).all()
 
 
 def test_one_origin_serves_all_points():
@@ -124,11 +122,12 @@ def test_cloud_without_points_is_one_unknown_voxel():
     [
         (np.zeros((4, 2)), {}, "points must have shape"),
         (np.full((4, 3), np.nan), {}, "4 of 4 rows"),
-        ("cloud", {}, "points must be an"),
+        ("cloud", {}, "points must be an array"),
         (np.asarray([[0.0, 0, 0], [1e6, 1e6, 1e6]]), {}, "larger voxel_size"),
         (np.full((1, 3), 1e30), {}, "larger voxel_size"),
         (np.zeros((4, 3)), {"voxel_size": -1.0}, "voxel_size must be"),
         (np.zeros((4, 3)), {"sensor_origins": np.zeros((3, 3))}, "sensor_origins must have shape"),
+        (np.zeros((4, 3)), {"sensor_origins": "here"}, "sensor_origins must be an array"),
         (np.zeros((4, 3)), {"sensor_origins": [0, 0, np.inf]}, "sensor_origins must be finite"),
         (np.zeros((4, 3)), {"sensor_origins": [0, 0, 0], "max_range": 0.0}, "max_range must be"),
         (np.zeros((4, 3)), {"max_range": 2.0}, "max_range needs sensor_origins"),
@@ -142,5 +141,5 @@ def test_unusable_input_is_refused_in_one_sentence(points, options, words):
 
 def test_absurd_extent_is_refused_before_memory_is_taken():
     far = np.asarray([[0.0, 0.0, 0.0], [5e3, 5e3, 5e3]])
-    with pytest.raises(InputError, match="1.25e"):
+    with pytest.raises(InputError, match=r"1\.25e\+14 voxels"):
         VoxelGrid.from_points(far, voxel_size=0.1)

@@ -1,7 +1,8 @@
 """Ray casting on the voxel lattice: which voxels a ray crosses, and grids made from clouds.
 
-`mark_crossed_voxels` is the kernel: it walks all rays in lock step from voxel to voxel, exactly. The host functions
-around it cut rays into batches of similar length, so that memory is bounded and no walker waits long for another.
+`mark_crossed_voxels` is the kernel: it walks all rays in lock step from voxel to voxel, exactly. The host
+functions around it cut rays into batches of similar length, so that memory is bounded and no ray waits long for
+another.
 """
 
 import jax
@@ -31,9 +32,9 @@ def mark_crossed_voxels(
 ) -> Bool[Array, " v"]:
     """Mark the voxels that straight rays cross, start and end voxels included.
 
-    A ray steps to the next voxel along the axis whose lattice plane it meets first (Amanatides and Woo, 1987). The
-    number of steps along each axis is known from the two indices, so rounding can swap two steps that fall together
-    but cannot miss the end voxel.
+    A ray steps to the next voxel along the axis whose lattice plane it meets first (Amanatides and Woo, 1987).
+    The number of steps along each axis is known from the two indices, so rounding can swap two steps that fall
+    together but cannot miss the end voxel.
 
     Args:
         is_crossed: Flat grid, True where voxels are marked already.
@@ -114,8 +115,8 @@ def grid_from_points(
         max_range: Rays longer than this [m] free space up to it and occupy nothing.
 
     Returns:
-        States uint8 (x, y, z) that just hold the points and sensor origins, and the origin float32 (3,) [m]. A cloud
-        without points gives one unknown voxel.
+        States uint8 (x, y, z) that just hold the points and sensor origins, and the origin float32 (3,) [m]. A
+        cloud without points gives one unknown voxel.
 
     Raises:
         InputError: If an argument has a wrong shape, is not finite, or the grid would have too many voxels.
@@ -145,12 +146,7 @@ def _split(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _checked_points(name: str, points: object) -> np.ndarray:
     """`points` as float64 (n, 3)."""
-    try:
-        cloud = np.asarray(points, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(
-            f"{name} must be an (n, 3) array of numbers [m], got {type(points).__name__}."
-        ) from None
+    cloud = _as_numbers(name, points)
     if cloud.size == 0 and cloud.ndim <= 2 and (cloud.ndim < 2 or cloud.shape[1] in (0, 3)):
         return np.zeros((0, 3))
     if cloud.ndim != 2 or cloud.shape[1] != 3:
@@ -163,9 +159,17 @@ def _checked_points(name: str, points: object) -> np.ndarray:
     return cloud
 
 
+def _as_numbers(name: str, values: object) -> np.ndarray:
+    """`values` as a float64 array."""
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be an array of numbers [m], got {type(values).__name__}.") from None
+
+
 def _checked_origins(sensor_origins: object, num_points: int) -> np.ndarray:
     """One sensor origin a point, float64 (n, 3)."""
-    origins = np.asarray(sensor_origins, dtype=np.float64)
+    origins = _as_numbers("sensor_origins", sensor_origins)
     if origins.shape not in ((3,), (num_points, 3)):
         raise InputError(
             f"sensor_origins must have shape (3,) or one row a point ({num_points}, 3), got {origins.shape}."
@@ -192,7 +196,7 @@ def _lattice_box(places: np.ndarray, voxel_size: float) -> tuple[np.ndarray, tup
     if float(np.prod(size)) > MAX_VOXELS or float(np.abs(low).max()) > 2**31:
         extent = " x ".join(f"{length:.4g}" for length in size * voxel_size)
         raise InputError(
-            f"points span {extent} m, which is {np.prod(size):.3g} voxels of {voxel_size:g} m, above the limit of "
-            f"{MAX_VOXELS}; give a larger voxel_size, or drop points that lie far out (max_range cuts long rays)."
+            f"points span {extent} m, which is {np.prod(size):.3g} voxels of {voxel_size:g} m, above the limit "
+            f"of {MAX_VOXELS}; give a larger voxel_size, or drop points that lie far out (max_range cuts rays)."
         )
     return low.astype(np.int64), (int(size[0]), int(size[1]), int(size[2]))
