@@ -1,8 +1,8 @@
 """Ray casting on the voxel lattice: which voxels a ray crosses, and grids made from clouds.
 
-`mark_crossed_voxels` is the kernel: it walks all rays in lock step from voxel to voxel, exactly. The host
-functions around it cut rays into batches of similar length, so that memory is bounded and no ray waits long for
-another.
+`mark_crossed_voxels` is the kernel: it walks all rays in lock step from voxel to voxel, exactly. The
+host functions around it cut rays into batches of similar length, so that memory is bounded and no ray waits
+long for another.
 """
 
 import jax
@@ -32,9 +32,9 @@ def mark_crossed_voxels(
 ) -> Bool[Array, " v"]:
     """Mark the voxels that straight rays cross, start and end voxels included.
 
-    A ray steps to the next voxel along the axis whose lattice plane it meets first (Amanatides and Woo, 1987).
-    The number of steps along each axis is known from the two indices, so rounding can swap two steps that fall
-    together but cannot miss the end voxel.
+    A ray steps to the next voxel along the axis whose lattice plane it meets first (Amanatides and Woo,
+    1987). The number of steps along each axis is known from the two indices, so rounding can swap two steps
+    that fall together but cannot miss the end voxel.
 
     Args:
         is_crossed: Flat grid, True where voxels are marked already.
@@ -70,7 +70,7 @@ def mark_crossed_voxels(
         flat = flat + jnp.sum(jnp.where(moves, flat_step, 0), axis=0, dtype=jnp.int32)
         return done + 1, flat, counts + moves.astype(jnp.int32), marked.at[flat].set(True, mode="drop")
 
-    marked = is_crossed.at[flat].set(True, mode="drop")
+    marked = jnp.asarray(is_crossed).at[flat].set(True, mode="drop")
     carry = (jnp.int32(0), flat, jnp.zeros_like(steps), marked)
     return jax.lax.while_loop(lambda c: c[0] < num_rounds, step, carry)[3]
 
@@ -115,8 +115,8 @@ def grid_from_points(
         max_range: Rays longer than this [m] free space up to it and occupy nothing.
 
     Returns:
-        States uint8 (x, y, z) that just hold the points and sensor origins, and the origin float32 (3,) [m]. A
-        cloud without points gives one unknown voxel.
+        States uint8 (x, y, z) that just hold the points and sensor origins, and the origin float32 (3,) [m].
+        A cloud without points gives one unknown voxel.
 
     Raises:
         InputError: If an argument has a wrong shape, is not finite, or the grid would have too many voxels.
@@ -196,7 +196,7 @@ def _lattice_box(places: np.ndarray, voxel_size: float) -> tuple[np.ndarray, tup
     if float(np.prod(size)) > MAX_VOXELS or float(np.abs(low).max()) > 2**31:
         extent = " x ".join(f"{length:.4g}" for length in size * voxel_size)
         raise InputError(
-            f"points span {extent} m, which is {np.prod(size):.3g} voxels of {voxel_size:g} m, above the limit "
-            f"of {MAX_VOXELS}; give a larger voxel_size, or drop points that lie far out (max_range cuts rays)."
+            f"points span {extent} m, which is {np.prod(size):.3g} voxels of {voxel_size:g} m, above the "
+            f"limit of {MAX_VOXELS}; give a larger voxel_size, or drop points far out (max_range cuts rays)."
         )
     return low.astype(np.int64), (int(size[0]), int(size[1]), int(size[2]))
