@@ -1,1 +1,9 @@
-"""voxjax.view."""
+"""Pictures without display, browser or GPU, and a page to turn the map around in."""
+
+from .page import check_page_support as check_page_support
+from .page import page_html as page_html
+from .png import encode_png as encode_png
+from .sheet import draw_grid as draw_grid
+from .sheet import draw_maps as draw_maps
+from .sheet import draw_merge as draw_merge
+from .sheet import grid_png as grid_png

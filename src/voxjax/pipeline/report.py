@@ -1,0 +1,119 @@
+"""The report of a merge as plain data for JSON: fixed keys, finite numbers only."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import jax
+import numpy as np
+
+from .. import __version__
+from ..registration.types import Registration
+
+if TYPE_CHECKING:
+    from ..grid import VoxelGrid
+    from .many import Merge
+
+
+def merge_report(
+    merged: Merge,
+    grids: Sequence[VoxelGrid],
+    paths: Sequence[str],
+    *,
+    seconds: dict[str, float] | None = None,
+) -> dict[str, Any]:
+    """Describe a merge.
+
+    Args:
+        merged: What `voxjax.merge` returned.
+        grids: The maps it was given.
+        paths: Where they came from, one a map.
+        seconds: More stages to list beside those of the merge, such as reading {stage: s}.
+
+    Returns:
+        Keys "status", "voxjax", "device", "voxel_size", "maps", "pairs", "seconds", and besides them "reason"
+        and "loops". Numbers that are not finite become None.
+    """
+    corners = _corner_counts(merged, len(grids))
+    report = {
+        "status": merged.status,
+        "voxjax": __version__,
+        "device": device_name(),
+        "voxel_size": min(grid.voxel_size for grid in grids)
+        if merged.grid is None
+        else merged.grid.voxel_size,
+        "reason": merged.reason,
+        "maps": [
+            {
+                "path": path,
+                "T_world_map": None if pose is None else np.asarray(pose).tolist(),
+                "num_occupied": grid.num_occupied,
+                "num_free": grid.num_free,
+                "num_corners": count,
+            }
+            for path, pose, grid, count in zip(paths, merged.poses, grids, corners, strict=True)
+        ],
+        "pairs": [_pair_report(a, b, registration) for a, b, registration in merged.pairs],
+        "loops": [
+            {"a": loop.a, "b": loop.b, "metres": loop.metres, "degrees": math.degrees(loop.radians)}
+            for loop in merged.loops
+        ],
+        "seconds": {**(seconds or {}), **merged.seconds},
+    }
+    return finite(report)
+
+
+def device_name() -> str:
+    """The device that the kernels run on, with its count when there are several."""
+    devices = jax.devices()
+    count = f" x {len(devices)}" if len(devices) > 1 else ""
+    return f"{devices[0].platform}: {devices[0].device_kind}{count}"
+
+
+def finite(value: Any) -> Any:
+    """The same data with plain Python numbers, and None for those that are not finite."""
+    if isinstance(value, dict):
+        return {str(key): finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(item) for item in value]
+    if hasattr(value, "tolist"):  # arrays and scalars of NumPy and JAX
+        return finite(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def _pair_report(a: int, b: int, registration: Registration) -> dict[str, Any]:
+    """One entry of "pairs"."""
+    stats = registration.stats
+    best = registration.hypotheses[0].evidence if registration.hypotheses else None
+    return {
+        "a": a,
+        "b": b,
+        "accepted": registration.accepted,
+        "verdict": registration.verdict,
+        "reason": registration.reason,
+        "T_a_b": np.asarray(registration.T_a_b).tolist(),
+        "confidence": registration.confidence,
+        "covariance": np.asarray(registration.covariance).tolist(),
+        "num_associations": stats.get("num_associations", 0),
+        "clique_size": stats.get("clique_size", 0),
+        "occupied_agreement": best.occupied_agreement if best else 0.0,
+        "free_conflict": best.free_conflict if best else 0.0,
+        "hypotheses": [
+            {"T_a_b": np.asarray(h.T_a_b).tolist(), "score": h.score, "source": h.source}
+            for h in registration.hypotheses
+        ],
+        "seconds": stats.get("seconds", {}),
+    }
+
+
+def _corner_counts(merged: Merge, num_maps: int) -> list[int]:
+    """Corners found in each map, from the pairs it took part in."""
+    counts = [0] * num_maps
+    for a, b, registration in merged.pairs:
+        counts[a] = int(registration.stats.get("num_corners_a", counts[a]))
+        counts[b] = int(registration.stats.get("num_corners_b", counts[b]))
+    return counts

@@ -1,0 +1,161 @@
+"""Voxels to pixels with NumPy alone: an isometric view and a view from above.
+
+Both draw larger than asked by a whole factor and average down, which smooths the edges.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from .colors import BACKGROUND, FREE_TINT
+
+_FACE_LIGHT = np.asarray([1.0, 0.80, 0.62])  # top, left, right
+_MAX_PIXELS = 24_000_000
+
+
+def ceiling_cut(is_occupied: Bool[np.ndarray, "x y z"], *, share: float = 0.7) -> int:
+    """Height [voxel] above which a closed building is cut open; the number of layers if it has no ceiling.
+
+    A map is closed when more than a third of its occupied columns hold something above `share` of its height.
+    """
+    layers = is_occupied.sum(axis=(0, 1), dtype=np.int64)
+    if not layers.any():
+        return is_occupied.shape[2]
+    filled = np.flatnonzero(layers >= 0.002 * layers.sum(dtype=np.int64))  # single stray voxels do not count
+    low, high = (int(filled[0]), int(filled[-1]) + 1) if filled.size else (0, is_occupied.shape[2])
+    cut = low + max(round(share * (high - low)), 1)
+    has_ceiling = is_occupied[:, :, cut:high].any(axis=2)
+    is_column = is_occupied.any(axis=2)
+    is_closed = np.count_nonzero(has_ceiling) > np.count_nonzero(is_column) / 3
+    return cut if is_closed else is_occupied.shape[2]
+
+
+def paint_isometric(
+    index: Int[np.ndarray, "n 3"], color: UInt8[np.ndarray, "n 3"], *, width: int, height: int
+) -> UInt8[np.ndarray, "height width 3"]:
+    """Draw voxels as shaded cubes seen from +x, +y and above, centred in a picture of that size.
+
+    Args:
+        index: Voxel coordinates.
+        color: One colour a voxel.
+        width: Width of the picture [pixel].
+        height: Height of the picture [pixel].
+    """
+    if not len(index):
+        return np.full((height, width, 3), BACKGROUND, np.uint8)
+    across, down = index[:, 1] - index[:, 0], index[:, 0] + index[:, 1] - 2 * index[:, 2]
+    spans = (2.0 * (np.ptp(across) + 2), float(np.ptp(down) + 4))  # in half-edges of a voxel
+    half, factor = _best_scale(spans, width, height)
+    order = np.argsort(index.sum(axis=1, dtype=np.int64), kind="stable")  # far to near
+    pixel_x = (across[order] - across.min() + 1) * 2 * half
+    pixel_y = (down[order] - down.min()) * half
+    big = (int(pixel_y.max()) + 4 * half + 1, int(pixel_x.max()) + 2 * half + 1)
+    owner = np.full(big, -1, np.int64)
+    for dx, dy, face in _cube_stamp(half):
+        # The nearest voxel has the highest rank, so the maximum settles who is seen.
+        np.maximum.at(
+            owner.reshape(-1), (pixel_y + dy) * big[1] + pixel_x + dx, np.arange(len(order)) * 3 + face
+        )
+    is_hit = owner >= 0
+    rank, face = owner[is_hit] // 3, owner[is_hit] % 3
+    depth = np.full(big, np.nan)
+    depth[is_hit] = index[order].sum(axis=1, dtype=np.int64)[rank]
+    shade = _FACE_LIGHT[face] * _edge_shade(depth)[is_hit]
+    picture = np.full((*big, 3), 255.0, np.float32)
+    picture[is_hit] = color[order][rank] * shade[:, None]
+    return _centred(_shrink(picture, factor), width, height)
+
+
+def paint_top(
+    is_occupied: Bool[np.ndarray, "x y z"],
+    is_free: Bool[np.ndarray, "x y z"],
+    color: UInt8[np.ndarray, "x y 3"],
+    *,
+    width: int,
+    height: int,
+) -> UInt8[np.ndarray, "height width 3"]:
+    """Draw a map from above, x to the right and y up: the topmost occupied voxel of each column.
+
+    Columns with free voxels only get a light tint, unknown ones stay white.
+
+    Args:
+        is_occupied: What is drawn; cut a ceiling off before.
+        is_free: Free voxels.
+        color: The colour of each column where something is occupied.
+        width: Width of the picture [pixel].
+        height: Height of the picture [pixel].
+    """
+    has_wall = is_occupied.any(axis=2)
+    top = is_occupied.shape[2] - 1 - np.argmax(is_occupied[:, :, ::-1], axis=2)
+    top = np.where(has_wall, top, 0).astype(np.float64)
+    picture = np.full((*has_wall.shape, 3), 255.0, np.float32)
+    picture[is_free.any(axis=2)] = FREE_TINT
+    light = np.clip(0.94 + 0.05 * (np.roll(top, 1, axis=0) - top) * -1.0, 0.72, 1.08)
+    picture[has_wall] = np.clip(color[has_wall] * light[has_wall][:, None], 0, 255)
+    known = np.argwhere(has_wall | is_free.any(axis=2))
+    if not len(known):
+        return np.full((height, width, 3), BACKGROUND, np.uint8)
+    low, high = known.min(axis=0), known.max(axis=0) + 1
+    picture = picture[low[0] : high[0], low[1] : high[1]].transpose(1, 0, 2)[::-1]
+    zoom, factor = _best_scale((float(picture.shape[1]), float(picture.shape[0])), width, height)
+    picture = picture.repeat(zoom, axis=0).repeat(zoom, axis=1)
+    return _centred(_shrink(picture, factor), width, height)
+
+
+def _best_scale(spans: tuple[float, float], width: int, height: int) -> tuple[int, int]:
+    """The pair (enlarge, shrink) of whole factors that fills the picture best without leaving it."""
+    best = (0.0, 1, 1)
+    for factor in range(2, 33):
+        fits = int(min(width * factor / spans[0], height * factor / spans[1]))
+        for enlarge in {min(fits, 12 * factor)}:
+            big = spans[0] * spans[1] * enlarge * enlarge
+            if enlarge >= 1 and (big <= _MAX_PIXELS or enlarge == 1) and enlarge / factor > best[0] + 1e-9:
+                best = (enlarge / factor, enlarge, factor)
+        if best[0] > 0.0 and factor >= 4:
+            break
+    return (best[1], best[2]) if best[0] > 0.0 else (1, 32)
+
+
+def _cube_stamp(half: int) -> list[tuple[int, int, int]]:
+    """Pixels (dx, dy) of one cube relative to its top corner, and what each shows: 0 top, 1 left, 2 right."""
+    stamp = []
+    for dy in range(4 * half):
+        for dx in range(-2 * half, 2 * half):
+            x, y = abs(dx + 0.5), dy + 0.5  # pixel centres never lie on an edge, so neighbouring cubes tile
+            lower_edge = 2 * half - x / 2
+            if x + 2 * abs(y - half) <= 2 * half:
+                stamp.append((dx, dy, 0))
+            elif lower_edge < y <= lower_edge + 2 * half:
+                stamp.append((dx, dy, 1 if dx < 0 else 2))
+    return stamp
+
+
+def _edge_shade(depth: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+    """Darken pixels whose neighbours are much nearer to the eye, which draws soft outlines around things."""
+    bottom = np.nan_to_num(depth, nan=-1e9)
+    excess = np.zeros_like(bottom)
+    for axis, step in ((0, 1), (0, -1), (1, 1), (1, -1)):
+        for reach in (2, 4):
+            neighbour = np.roll(bottom, step * reach, axis=axis)
+            excess += np.clip(neighbour - bottom - 2.0 * reach, 0.0, 20.0) * (neighbour > -1e8)
+    return np.exp(-0.006 * excess)
+
+
+def _shrink(picture: Float[np.ndarray, "h w 3"], factor: int) -> Float[np.ndarray, "h2 w2 3"]:
+    """Average blocks of `factor` x `factor` pixels; the border is filled up with white."""
+    pad = [(0, -picture.shape[axis] % factor) for axis in (0, 1)]
+    padded = np.pad(picture, [*pad, (0, 0)], constant_values=255.0)
+    height, width = padded.shape[0] // factor, padded.shape[1] // factor
+    return padded.reshape(height, factor, width, factor, 3).mean(axis=(1, 3), dtype=np.float32)
+
+
+def _centred(
+    picture: Float[np.ndarray, "h w 3"], width: int, height: int
+) -> UInt8[np.ndarray, "height width 3"]:
+    """`picture` in the middle of a white one of the given size; what stands out is cut off."""
+    canvas = np.full((height, width, 3), BACKGROUND, np.uint8)
+    picture = picture[:height, :width]
+    top, left = (height - picture.shape[0]) // 2, (width - picture.shape[1]) // 2
+    canvas[top : top + picture.shape[0], left : left + picture.shape[1]] = np.clip(picture, 0, 255).astype(
+        np.uint8
+    )
+    return canvas
