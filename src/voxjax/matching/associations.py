@@ -1,0 +1,63 @@
+"""Candidate associations: index pairs (corner of a, corner of b) that a search may choose from."""
+
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from .._checks import InputError
+from .._types import Array
+
+
+@runtime_checkable
+class CornerList(Protocol):
+    """What matching reads of `voxjax.Corners`: positions, frames and which rows count."""
+
+    @property
+    def position(self) -> Array:
+        """float32 (n, 3) [m]."""
+        ...
+
+    @property
+    def normals(self) -> Array:
+        """float32 (n, 3, 3): unit rows into free space."""
+        ...
+
+    @property
+    def mask(self) -> Array:
+        """Bool (n,): which rows are corners."""
+        ...
+
+
+def all_associations(mask_a: Bool[Array, "n"], mask_b: Bool[Array, "m"]) -> np.ndarray:
+    """Every corner of a with every corner of b, as nothing is known before (section IV.C).
+
+    Args:
+        mask_a: Which rows of the corners of a are corners.
+        mask_b: The same for b.
+
+    Returns:
+        int32 (k, 2) row indices, in lexicographic order.
+    """
+    rows_a = np.flatnonzero(np.asarray(mask_a)).astype(np.int32)
+    rows_b = np.flatnonzero(np.asarray(mask_b)).astype(np.int32)
+    return np.stack(np.meshgrid(rows_a, rows_b, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def check_associations(associations: Int[Array, "k 2"], count_a: int, count_b: int) -> np.ndarray:
+    """The associations as int32 (k, 2) on the host.
+
+    Raises:
+        InputError: If the shape is wrong or an index does not exist.
+    """
+    pairs = np.asarray(associations)
+    if pairs.ndim != 2 or pairs.shape[1] != 2 or not np.issubdtype(pairs.dtype, np.integer):
+        raise InputError(
+            f"associations must be whole numbers of shape (k, 2), got {pairs.dtype} of shape {pairs.shape}."
+        )
+    if len(pairs) and (pairs.min() < 0 or (pairs.max(axis=0) >= (count_a, count_b)).any()):
+        raise InputError(
+            f"associations must index {count_a} points of a and {count_b} of b from 0, "
+            f"got indices from {pairs.min()} to {pairs.max(axis=0).tolist()}."
+        )
+    return pairs.astype(np.int32)
