@@ -51,7 +51,12 @@ class VoxelGrid(eqx.Module):
 
     @classmethod
     def from_points(
-        cls, points: object, *, voxel_size: float, sensor_origins: object = None, max_range: float | None = None
+        cls,
+        points: object,
+        *,
+        voxel_size: float,
+        sensor_origins: object = None,
+        max_range: float | None = None,
     ) -> VoxelGrid:
         """Make a grid from a cloud.
 
@@ -92,7 +97,9 @@ class VoxelGrid(eqx.Module):
     def extent(self) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest outer corner [m], each float32 (3,)."""
         low = np.asarray(self.origin)
-        return low, (low + np.float32(self.voxel_size) * np.asarray(self.shape, np.float32)).astype(np.float32)
+        return low, (low + np.float32(self.voxel_size) * np.asarray(self.shape, np.float32)).astype(
+            np.float32
+        )
 
     def occupied_index(self) -> np.ndarray:
         """Indices of the occupied voxels, int32 (n, 3), in lexicographic order."""

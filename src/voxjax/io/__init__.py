@@ -1,1 +1,103 @@
-"""voxjax.io."""
+"""Maps on disk: `read_map` and `write_map` choose the format by the file's ending.
+
+`.bt` and `.ot` are OctoMap's, `.npz` is voxjax's own, `.ply` is a cloud of points.
+"""
+
+import os
+from pathlib import Path
+
+from .._checks import InputError
+from ..grid import VoxelGrid
+from .atomic import write_bytes
+from .npz import decode_npz, encode_npz
+from .octomap import MAX_VOXELS, decode_bt, decode_ot, encode_bt, encode_ot
+from .ply import decode_ply, encode_ply
+
+__all__ = ["ENDINGS", "MAX_VOXELS", "read_map", "write_map"]
+
+_DECODERS = {".bt": decode_bt, ".ot": decode_ot, ".npz": decode_npz}
+_ENCODERS = {".bt": encode_bt, ".ot": encode_ot, ".npz": encode_npz, ".ply": encode_ply}
+ENDINGS = tuple(_ENCODERS)
+"""File endings that can be read and written."""
+
+
+def read_map(
+    path: str | os.PathLike,
+    *,
+    voxel_size: float | None = None,
+    sensor_origins: object = None,
+    max_range: float | None = None,
+    max_voxels: int = MAX_VOXELS,
+) -> VoxelGrid:
+    """Read a map.
+
+    Args:
+        path: File ending in .bt, .ot, .npz or .ply.
+        voxel_size: Edge length of a voxel [m]. A cloud needs it; another map is brought to it.
+        sensor_origins: For clouds: (3,) or (n, 3) [m], where the points were seen from; gives free space.
+        max_range: For clouds: longest ray [m].
+        max_voxels: Largest dense grid to make from a file.
+
+    Returns:
+        The map; `.ot` keeps log-odds. From `.bt` and `.ot`: the bounding box of what is known.
+
+    Raises:
+        InputError: If the file cannot be read or used; the message names it.
+    """
+    path = Path(path)
+    ending = _ending(path)
+    try:
+        if ending == ".ply":
+            if voxel_size is None:
+                raise InputError("a cloud needs a voxel size; give voxel_size= (--voxel-size) in metres")
+            points = decode_ply(_read_bytes(path))
+            if not len(points):
+                raise InputError("the cloud has no points")
+            return VoxelGrid.from_points(
+                points, voxel_size=voxel_size, sensor_origins=sensor_origins, max_range=max_range
+            )
+        if sensor_origins is not None or max_range is not None:
+            raise InputError(
+                f"sensor_origins and max_range belong to clouds (.ply), not to {ending} maps; leave them out"
+            )
+        grid = _DECODERS[ending](_read_bytes(path), max_voxels=max_voxels)
+        return grid if voxel_size is None else grid.with_voxel_size(voxel_size)
+    except InputError as error:
+        raise InputError(f"{path} cannot be read: {str(error).removesuffix('.')}.") from error
+
+
+def write_map(path: str | os.PathLike, grid: VoxelGrid, *, force: bool = True) -> None:
+    """Write a map, whole or not at all.
+
+    Args:
+        path: File ending in .bt (states), .ot (log-odds), .npz (all) or .ply (occupied centres).
+        grid: The map.
+        force: Whether an existing file is replaced; with False it is an error.
+
+    Raises:
+        InputError: If the format cannot hold the grid or the file cannot be written; the message names it.
+    """
+    path = Path(path)
+    encode = _ENCODERS[_ending(path)]
+    try:
+        data = encode(grid)
+    except InputError as error:
+        raise InputError(f"{path} cannot be written: {str(error).removesuffix('.')}.") from error
+    write_bytes(path, data, force=force)
+
+
+def _ending(path: Path) -> str:
+    ending = path.suffix.lower()
+    if ending not in _ENCODERS:
+        raise InputError(
+            f"{path}: the ending {ending!r} is not known; "
+            "use .bt or .ot (OctoMap), .npz (voxjax) or .ply (points)."
+        )
+    return ending
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{error.strerror or error}") from error

@@ -1,0 +1,315 @@
+"""OctoMap files, `.bt` (occupied or free) and `.ot` (log-odds), without OctoMap.
+
+OctoMap's voxel k fills `[k - 32768, k - 32767) * resolution` along an axis, so the origin of a grid (the outer
+corner of its lowest voxel) is a whole multiple of the voxel size; other grids must be resampled first.
+"""
+
+import math
+import struct
+
+import numpy as np
+
+from .._checks import InputError
+from .._types import FREE, OCCUPIED, UNKNOWN
+from ..grid import VoxelGrid
+from .octree import (
+    DEPTH,
+    INNER,
+    NUM_KEYS,
+    Leaves,
+    bounding_box,
+    children_of,
+    paint,
+    pre_order,
+    prune,
+    walk_levels,
+)
+
+MAX_VOXELS = 1 << 30
+"""Largest dense grid that a reader makes unless told otherwise: 1 GiB of states."""
+
+# What OctoMap gives to the leaves of a binary file: its clamping thresholds, probabilities 0.971 and 0.1192.
+LOG_ODDS_OCCUPIED = np.float32(math.log(0.971 / 0.029))
+LOG_ODDS_FREE = np.float32(math.log(0.1192 / 0.8808))
+
+_BINARY_LINE, _FULL_LINE = b"# Octomap OcTree binary file", b"# Octomap OcTree file"
+_COMMENT = b"# (feel free to add / change comments, but leave the first line as it is!)\n#"
+_LEGACY = struct.Struct("<idI")  # tree type 3, resolution, number of nodes; before OctoMap 1.0
+_MAX_HEADER = 65536
+_PLAIN_NODE = np.dtype([("log_odds", "<f4"), ("children", "u1")])
+_COLOR_NODE = np.dtype([("log_odds", "<f4"), ("rgb", "u1", 3), ("children", "u1")])
+_FULL_NODES = {
+    "OcTree": _PLAIN_NODE,
+    "1": _PLAIN_NODE,
+    "OcTreeStamped": _PLAIN_NODE,
+    "ColorOcTree": _COLOR_NODE,
+}
+# An origin this far off the lattice [voxels] is rounding: float32 is good to 0.002 at OctoMap's farthest voxel.
+_LATTICE_TOLERANCE = 0.01
+
+
+def decode_bt(data: bytes, *, max_voxels: int = MAX_VOXELS) -> VoxelGrid:
+    """Read the bytes of a `.bt` file; the grid is the bounding box of the known voxels, without log-odds.
+
+    Raises:
+        InputError: If the bytes are no whole binary OctoMap file, or expand to more than `max_voxels`.
+    """
+    if data.startswith(_BINARY_LINE):
+        _, size, resolution, start = _read_header(data)
+    else:
+        size, resolution, start = _read_legacy_header(data)
+    if size == 0:
+        return _grid_from_leaves([], resolution, max_voxels, start == len(data))
+    if (len(data) - start) % 2:
+        raise InputError(
+            "the data hold an odd number of bytes, but nodes take two each (truncated or trailing bytes)"
+        )
+    words = np.frombuffer(data, "<u2", offset=start)
+    codes = (words[:, None] >> np.arange(0, 16, 2, dtype=np.uint16)).astype(np.uint8) & np.uint8(3)
+    levels = walk_levels(codes == INNER)
+    _check_size(size, 1 + int(np.count_nonzero(codes)))
+    if not words.all():
+        raise InputError("an inner node has no children")
+    leaves = []
+    for depth, (record, key) in enumerate(levels, start=1):
+        if depth > DEPTH:
+            raise InputError("the tree is deeper than 16 levels")
+        is_leaf = (codes[record] == 1) | (codes[record] == 2)
+        row, child = np.nonzero(is_leaf)
+        leaves.append(Leaves(depth, _child_keys(key[row], child, depth), codes[record[row], child]))
+    return _grid_from_leaves(leaves, resolution, max_voxels, True)
+
+
+def decode_ot(data: bytes, *, max_voxels: int = MAX_VOXELS) -> VoxelGrid:
+    """Read the bytes of an `.ot` file; log-odds are kept, and a voxel is occupied where they are 0 or more.
+
+    Raises:
+        InputError: If the bytes are no whole OctoMap file of OcTree or ColorOcTree nodes, hold log-odds that are
+            not finite, or expand to more than `max_voxels`.
+    """
+    if not data.startswith(_FULL_LINE):
+        raise InputError(f"the first line must be {_FULL_LINE.decode()!r}")
+    tree_type, size, resolution, start = _read_header(data)
+    if tree_type not in _FULL_NODES:
+        raise InputError(f"trees of type {tree_type!r} cannot be read, only {', '.join(_FULL_NODES)}")
+    node = _FULL_NODES[tree_type]
+    if size == 0:
+        return _grid_from_leaves([], resolution, max_voxels, start == len(data), with_log_odds=True)
+    if (len(data) - start) % node.itemsize:
+        raise InputError(
+            f"the data are no whole number of nodes of {node.itemsize} bytes (truncated or trailing bytes)"
+        )
+    nodes = np.frombuffer(data, node, offset=start)
+    levels = walk_levels(np.unpackbits(nodes["children"][:, None], axis=1, bitorder="little").astype(bool))
+    _check_size(size, len(nodes))
+    if not np.isfinite(nodes["log_odds"]).all():
+        raise InputError("log-odds must be finite, but some are NaN or infinite")
+    leaves = []
+    for depth, (record, key) in enumerate(levels):
+        is_leaf = nodes["children"][record] == 0
+        leaves.append(Leaves(depth, key[is_leaf], nodes["log_odds"][record[is_leaf]]))
+    return _grid_from_leaves(leaves, resolution, max_voxels, True, with_log_odds=True)
+
+
+def encode_bt(grid: VoxelGrid) -> bytes:
+    """Bytes of the pruned `.bt` file of a grid; log-odds are left out.
+
+    Raises:
+        InputError: If the grid does not lie on OctoMap's lattice or within its range.
+    """
+    low, states, _ = _known_box(grid)
+    if low is None:
+        return _header(_BINARY_LINE, 0, grid.voxel_size)
+    levels = prune(states, None, low)
+    keys, depths, words, num_nodes = [], [], [], 1
+    for depth in range(DEPTH):
+        index = np.argwhere(levels[depth].code == INNER)
+        children = children_of(levels, depth, index)
+        codes = levels[depth + 1].code[tuple(np.moveaxis(children, -1, 0))].astype(np.uint16)
+        num_nodes += int(np.count_nonzero(codes))
+        words.append((codes << np.arange(0, 16, 2, dtype=np.uint16)).sum(axis=1, dtype=np.uint16))
+        keys.append((index + levels[depth].low) << (DEPTH - depth))
+        depths.append(np.full(len(index), depth, np.uint8))
+    order = pre_order(np.concatenate(keys), np.concatenate(depths))
+    return (
+        _header(_BINARY_LINE, num_nodes, grid.voxel_size)
+        + np.concatenate(words)[order].astype("<u2").tobytes()
+    )
+
+
+def encode_ot(grid: VoxelGrid) -> bytes:
+    """Bytes of the pruned `.ot` file of a grid.
+
+    A grid without log-odds gets OctoMap's clamping values, 3.51 for occupied and -2.0 for free voxels.
+
+    Raises:
+        InputError: If the grid does not lie on OctoMap's lattice or within its range, or its log-odds are not
+            finite or contradict its states.
+    """
+    low, states, log_odds = _known_box(grid)
+    if low is None:
+        return _header(_FULL_LINE, 0, grid.voxel_size)
+    if log_odds is None:
+        log_odds = np.array([0.0, LOG_ODDS_FREE, LOG_ODDS_OCCUPIED], np.float32)[states]
+    levels = prune(states, _checked_log_odds(states, log_odds), low)
+    keys, depths, nodes = [], [], []
+    index = np.zeros((1, 3), np.int64)
+    for depth, level in enumerate(levels):
+        at = tuple(index.T)
+        assert level.value is not None
+        node = np.zeros(len(index), _PLAIN_NODE)
+        node["log_odds"] = level.value[at]
+        keys.append((index + level.low) << (DEPTH - depth))
+        depths.append(np.full(len(index), depth, np.uint8))
+        nodes.append(node)
+        is_inner = level.code[at] == INNER
+        if is_inner.any():
+            children = children_of(levels, depth, index[is_inner])
+            is_child = levels[depth + 1].code[tuple(np.moveaxis(children, -1, 0))] != 0
+            node["children"][is_inner] = np.packbits(is_child, axis=1, bitorder="little")[:, 0]
+            index = children[is_child]
+        else:
+            break
+    order = pre_order(np.concatenate(keys), np.concatenate(depths))
+    return _header(_FULL_LINE, len(order), grid.voxel_size) + np.concatenate(nodes)[order].tobytes()
+
+
+def _child_keys(key: np.ndarray, child: np.ndarray, depth: int) -> np.ndarray:
+    half = NUM_KEYS >> depth
+    return key + half * np.stack([child & 1, child >> 1 & 1, child >> 2], axis=1).astype(np.int32)
+
+
+def _grid_from_leaves(
+    leaves: list[Leaves],
+    resolution: float,
+    max_voxels: int,
+    is_complete: bool,
+    *,
+    with_log_odds: bool = False,
+) -> VoxelGrid:
+    if not is_complete:
+        raise InputError("the header says 0 nodes, but data follow (trailing bytes)")
+    leaves = [level for level in leaves if len(level.key)]
+    if not leaves:
+        empty = np.zeros((1, 1, 1), np.uint8)
+        return VoxelGrid(
+            empty, np.zeros(3, np.float32), resolution, empty.astype(np.float32) if with_log_odds else None
+        )
+    low, shape = bounding_box(leaves)
+    num_voxels = math.prod(shape.tolist())
+    if num_voxels > max_voxels:
+        raise InputError(
+            f"the map spans {' x '.join(map(str, shape))} voxels, more than the limit of {max_voxels:,}; "
+            "cut the map, or raise max_voxels if there is memory for it"
+        )
+    origin = ((low - NUM_KEYS // 2) * resolution).astype(np.float32)
+    size = tuple(shape.tolist())
+    if not with_log_odds:
+        return VoxelGrid(paint(leaves, low, size, np.uint8), origin, resolution)
+    log_odds = paint(leaves, low, size, np.float32)
+    states = [Leaves(d, key, np.where(value >= 0, OCCUPIED, FREE)) for d, key, value in leaves]
+    return VoxelGrid(paint(states, low, size, np.uint8), origin, resolution, log_odds)
+
+
+def _known_box(grid: VoxelGrid) -> tuple[np.ndarray | None, np.ndarray, np.ndarray | None]:
+    """Lowest key (None when nothing is known), states and log-odds of the known part of a grid."""
+    grid = grid.crop_to_known()
+    states = np.asarray(grid.states)
+    if not states.any():
+        return None, states, None
+    cell = np.asarray(grid.origin, np.float64) / grid.voxel_size
+    low = np.rint(cell).astype(np.int64)
+    if np.abs(cell - low).max() > _LATTICE_TOLERANCE:
+        raise InputError(
+            f"OctoMap files need an origin at whole multiples of the voxel size {grid.voxel_size:g} m, got "
+            f"{np.asarray(grid.origin).tolist()}; resample the grid with grid.transformed(numpy.eye(4)) first"
+        )
+    low += NUM_KEYS // 2
+    if (low < 0).any() or (low + states.shape > NUM_KEYS).any():
+        raise InputError(
+            f"OctoMap files reach {NUM_KEYS // 2} voxels from the frame's origin along each axis, and this "
+            f"grid lies farther out, from voxel {(low - NUM_KEYS // 2).tolist()}; move it or use .npz"
+        )
+    return low, states, None if grid.log_odds is None else np.asarray(grid.log_odds)
+
+
+def _checked_log_odds(states: np.ndarray, log_odds: np.ndarray) -> np.ndarray:
+    is_known = states != UNKNOWN
+    if not np.isfinite(log_odds[is_known]).all():
+        raise InputError("log_odds must be finite where the grid is known, but some are NaN or infinite")
+    contradicts = is_known & ((states == OCCUPIED) != (log_odds >= 0))
+    if contradicts.any():
+        raise InputError(
+            f"log_odds of {np.count_nonzero(contradicts):,} voxels contradict their states (occupied means 0 or "
+            "more), and .ot keeps only log-odds; drop log_odds or make them agree"
+        )
+    return log_odds
+
+
+def _check_size(stated: int, found: int) -> None:
+    if stated != found:
+        raise InputError(f"the header says {stated:,} nodes, but the data hold {found:,}")
+
+
+def _header(first_line: bytes, num_nodes: int, resolution: float) -> bytes:
+    # OctoMap prints six digits; all digits are given where six are not enough to get the same number back.
+    short = f"{resolution:g}"
+    text = short if float(short) == resolution else repr(float(resolution))
+    lines = (
+        first_line,
+        _COMMENT,
+        b"id OcTree",
+        b"size %d" % num_nodes,
+        b"res " + text.encode(),
+        b"data",
+        b"",
+    )
+    return b"\n".join(lines)
+
+
+def _read_header(data: bytes) -> tuple[str, int, float, int]:
+    """Type, number of nodes, resolution [m] and start of the data."""
+    fields: dict[str, str] = {}
+    position = data.find(b"\n") + 1
+    while 0 < position < min(len(data), _MAX_HEADER):
+        end = data.find(b"\n", position, position + _MAX_HEADER)
+        if end < 0:
+            break
+        words = data[position:end].decode("latin-1").split()
+        position = end + 1
+        if words and words[0] == "data":
+            return _checked_fields(fields, position)
+        if len(words) >= 2 and not words[0].startswith("#"):
+            fields[words[0]] = words[1]
+    raise InputError("the header has no line 'data' (truncated or not an OctoMap file)")
+
+
+def _checked_fields(fields: dict[str, str], start: int) -> tuple[str, int, float, int]:
+    missing = [name for name in ("id", "size", "res") if name not in fields]
+    if missing:
+        raise InputError(f"the header lacks the line {missing[0]!r}")
+    if fields["id"] not in _FULL_NODES:
+        raise InputError(f"the header's id must be one of {', '.join(_FULL_NODES)}, got {fields['id']!r}")
+    if not (fields["size"].isascii() and fields["size"].isdigit()):
+        raise InputError(f"the header's size must be a whole number, got {fields['size']!r}")
+    try:
+        resolution = float(fields["res"])
+    except ValueError:
+        raise InputError(f"the header's res must be a number, got {fields['res']!r}") from None
+    return fields["id"], int(fields["size"]), _checked_resolution(resolution), start
+
+
+def _read_legacy_header(data: bytes) -> tuple[int, float, int]:
+    """Number of nodes, resolution [m] and start of the data of a file from before OctoMap 1.0."""
+    if len(data) < _LEGACY.size or data[:4] != b"\x03\x00\x00\x00":
+        raise InputError(
+            f"the first line must be {_BINARY_LINE.decode()!r}, and there is no old-style header either"
+        )
+    _, resolution, size = _LEGACY.unpack_from(data)
+    return size, _checked_resolution(resolution), _LEGACY.size
+
+
+def _checked_resolution(resolution: float) -> float:
+    if not (math.isfinite(resolution) and resolution > 0.0):
+        raise InputError(f"the resolution must be a finite number above 0 m, got {resolution!r}")
+    return resolution

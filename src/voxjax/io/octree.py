@@ -1,0 +1,204 @@
+"""The octree inside OctoMap files: pre-order records to leaves, and dense voxels to pruned records.
+
+An OctoMap tree is 16 levels deep; a voxel has a key of three numbers in 0..65535, and child c of a node lies in
+the upper half along x, y, z where bit 0, 1, 2 of c is set. All work is vectorised, one pass a tree level.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .._checks import InputError
+
+DEPTH = 16
+NUM_KEYS = 1 << DEPTH
+INNER = 3  # beside the states 0 unknown, 1 free, 2 occupied: also the code of the binary format
+CHILD_OFFSETS = np.array([[c & 1, c >> 1 & 1, c >> 2] for c in range(8)], np.int32)
+# A pre-order walk of a tree of depth 16 never has more than 7 open siblings a level.
+_MOST_PENDING = 7 * DEPTH
+
+
+class Leaves(NamedTuple):
+    """Leaves of one tree level.
+
+    Attributes:
+        depth: Tree level, 1 to 16; a leaf is `2 ** (16 - depth)` voxels wide.
+        key: int32 (n, 3): key of the lowest voxel.
+        value: (n,): what the leaf holds.
+    """
+
+    depth: int
+    key: np.ndarray
+    value: np.ndarray
+
+
+def subtree_ends(num_children: np.ndarray) -> np.ndarray:
+    """Index one past the subtree of each record of a pre-order list.
+
+    Args:
+        num_children: (n,) number of children with own records.
+
+    Returns:
+        int64 (n,).
+
+    Raises:
+        InputError: If the list ends inside the tree, goes on after it, or the tree is deeper than 16 levels.
+    """
+    # pending[i]: records announced before record i, less one; it falls below zero after the last.
+    pending = np.zeros(len(num_children) + 1, np.int32)
+    np.cumsum(num_children.astype(np.int32) - 1, out=pending[1:])
+    complete = np.flatnonzero(pending < 0)
+    if not complete.size:
+        raise InputError("the data end before the tree is complete (truncated)")
+    if complete[0] < len(num_children):
+        raise InputError(
+            f"{len(num_children) - complete[0]} records follow after the end of the tree (trailing bytes)"
+        )
+    if pending.max() > _MOST_PENDING:
+        raise InputError("the tree is deeper than 16 levels")
+    # A step goes down by one at most, so the subtree of i ends where `pending` first falls below pending[i].
+    order = np.argsort(pending.astype(np.int8), kind="stable")
+    bounds = np.searchsorted(pending[order], np.arange(-1, _MOST_PENDING + 2))
+    ends = np.empty(len(num_children) + 1, np.int64)
+    for level in range(_MOST_PENDING + 1):
+        here = order[bounds[level + 1] : bounds[level + 2]]
+        if here.size:
+            below = order[bounds[level] : bounds[level + 1]]
+            ends[here] = below[np.searchsorted(below, here)]
+    return ends[:-1]
+
+
+def walk_levels(has_record: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Records and keys of each tree level.
+
+    Args:
+        has_record: bool (n, 8): whether child c of a record has a record of its own; pre-order.
+
+    Returns:
+        For depth 0, 1, ...: record numbers int64 (m,) and keys int32 (m, 3) of their lowest voxels.
+
+    Raises:
+        InputError: As in `subtree_ends`.
+    """
+    ends = subtree_ends(has_record.sum(axis=1, dtype=np.int32))
+    record, key = np.zeros(1, np.int64), np.zeros((1, 3), np.int32)
+    levels = []
+    for depth in range(DEPTH + 1):
+        levels.append((record, key))
+        half = NUM_KEYS >> (depth + 1)
+        following = record + 1
+        children, child_keys = [], []
+        for c in range(8):
+            has = np.flatnonzero(has_record[record, c])
+            child = following[has]
+            children.append(child)
+            child_keys.append(key[has] + half * CHILD_OFFSETS[c])
+            following[has] = ends[child]
+        record, key = np.concatenate(children), np.concatenate(child_keys)
+        if not record.size:
+            return levels
+    raise InputError("the tree is deeper than 16 levels")
+
+
+def bounding_box(leaves: list[Leaves]) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest key and number of voxels, int64 (3,) each, of the box around all leaves (at least one)."""
+    low = np.min([level.key.min(axis=0) for level in leaves], axis=0).astype(np.int64)
+    high = np.max([level.key.max(axis=0) + (NUM_KEYS >> level.depth) for level in leaves], axis=0)
+    return low, high.astype(np.int64) - low
+
+
+def paint(leaves: list[Leaves], low: np.ndarray, shape: tuple[int, ...], dtype: type) -> np.ndarray:
+    """Dense array (x, y, z) of the leaves' values, zero where there is no leaf."""
+    dense = np.zeros(shape, dtype)
+    strides = np.array([shape[1] * shape[2], shape[2], 1], np.int64)
+    flat = dense.reshape(-1)
+    for level in leaves:
+        width = NUM_KEYS >> level.depth
+        corner = level.key - low
+        if width <= 4:
+            first = corner @ strides
+            for offset in np.ndindex(width, width, width):
+                flat[first + np.dot(offset, strides)] = level.value
+        else:
+            for (i, j, k), value in zip(corner.tolist(), level.value.tolist(), strict=True):
+                dense[i : i + width, j : j + width, k : k + width] = value
+    return dense
+
+
+class TreeLevel(NamedTuple):
+    """Nodes of one tree level inside a dense box.
+
+    Attributes:
+        low: int64 (3,): key of the lowest node, in nodes of this level.
+        code: uint8 (x, y, z): 0 unknown, 1 free leaf, 2 occupied leaf, 3 inner node.
+        value: float32 (x, y, z): log-odds of leaves, highest below inner nodes; None for binary trees.
+    """
+
+    low: np.ndarray
+    code: np.ndarray
+    value: np.ndarray | None
+
+
+def prune(states: np.ndarray, value: np.ndarray | None, low: np.ndarray) -> list[TreeLevel]:
+    """The pruned tree of a dense box of voxels, from the root (level 0) to the voxels (level 16).
+
+    Eight equal leaves become one. Levels below the root are padded to even bounds, so that the children of node
+    n of a level lie at `2 n - low` to `2 n - low + 1` of the next.
+    """
+    levels = [TreeLevel(np.asarray(low, np.int64), states, value)]
+    for _ in range(DEPTH):
+        child = _pad_to_even(levels[-1])
+        levels[-1] = child
+        views = [child.code[i::2, j::2, k::2] for i, j, k in CHILD_OFFSETS]
+        is_leaf = (views[0] == 1) | (views[0] == 2)
+        is_known = views[0] != 0
+        for view in views[1:]:
+            is_leaf &= view == views[0]
+            is_known |= view != 0
+        value = None
+        if child.value is not None:
+            values = [child.value[i::2, j::2, k::2] for i, j, k in CHILD_OFFSETS]
+            value = np.full(is_leaf.shape, -np.inf, np.float32)
+            for code_view, value_view in zip(views, values, strict=True):
+                is_leaf &= value_view == values[0]
+                np.maximum(value, np.where(code_view != 0, value_view, np.float32(-np.inf)), out=value)
+        code = np.where(is_leaf, views[0], np.where(is_known, np.uint8(INNER), np.uint8(0)))
+        levels.append(TreeLevel(child.low // 2, code, value))
+    return levels[::-1]
+
+
+def children_of(levels: list[TreeLevel], depth: int, index: np.ndarray) -> np.ndarray:
+    """Indices int64 (m, 8, 3), in the next level, of the children of nodes (m, 3) of a level."""
+    first_child = 2 * (index + levels[depth].low) - levels[depth + 1].low
+    return first_child[:, None, :] + CHILD_OFFSETS
+
+
+def pre_order(key: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """Sort order of nodes for a pre-order list.
+
+    Args:
+        key: int64 (n, 3): key of each node's lowest voxel.
+        depth: (n,): tree level of each node.
+    """
+    code = np.zeros(len(key), np.uint64)
+    for axis in range(3):
+        bits = key[:, axis].astype(np.uint64)
+        for shift, mask in (
+            (16, 0x0000FF0000FF),
+            (8, 0x00F00F00F00F),
+            (4, 0x0C30C30C30C3),
+            (2, 0x249249249249),
+        ):
+            bits = (bits | bits << np.uint64(shift)) & np.uint64(mask)  # spreads 16 bits to every third place
+        code |= bits << np.uint64(axis)
+    return np.argsort(code << np.uint64(5) | depth.astype(np.uint64))
+
+
+def _pad_to_even(level: TreeLevel) -> TreeLevel:
+    before = level.low % 2
+    after = (level.low + level.code.shape) % 2
+    if not before.any() and not after.any():
+        return level
+    width = tuple((int(b), int(a)) for b, a in zip(before, after, strict=True))
+    value = None if level.value is None else np.pad(level.value, width)
+    return TreeLevel(level.low - before, np.pad(level.code, width), value)

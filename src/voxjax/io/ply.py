@@ -1,0 +1,151 @@
+"""Point clouds in `.ply` files: ASCII and binary, either byte order; written as binary, little endian."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from .._checks import InputError
+from ..grid import VoxelGrid
+
+_TYPES = {
+    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
+    "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
+    "double": "f8", "float64": "f8",
+}  # fmt: skip
+_BYTE_ORDER = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_MAX_HEADER = 65536
+
+
+class Element(NamedTuple):
+    """One element of the header.
+
+    Attributes:
+        name: Such as "vertex".
+        count: Number of rows.
+        properties: Names and NumPy type codes; the code is None for a list.
+    """
+
+    name: str
+    count: int
+    properties: list[tuple[str, str | None]]
+
+
+def decode_ply(data: bytes) -> np.ndarray:
+    """Read the points of a `.ply` file.
+
+    Other properties and elements are skipped.
+
+    Returns:
+        (n, 3), float64 where the file has doubles, else float32 [m].
+
+    Raises:
+        InputError: If the header is wrong, the file is shorter or longer than the header says, the vertices
+            hold lists, or coordinates are not finite.
+    """
+    form, elements, start = _read_header(data)
+    names = [element.name for element in elements]
+    if names.count("vertex") != 1:
+        raise InputError("the header must have one element 'vertex'")
+    before, vertex = elements[: names.index("vertex")], elements[names.index("vertex")]
+    properties = dict(vertex.properties)
+    for axis in "xyz":
+        if properties.get(axis) is None:
+            raise InputError(f"the vertices have no number {axis!r}")
+    if None in properties.values():
+        raise InputError("the vertices hold lists, which cannot be read; write the cloud with numbers only")
+    if len(properties) < len(vertex.properties):
+        raise InputError("the vertices have two properties of the same name")
+    is_last = len(elements) == len(before) + 1
+    if form == "ascii":
+        points = _read_ascii(data[start:], before, vertex, is_last)
+    else:
+        points = _read_binary(data, start, before, vertex, is_last, _BYTE_ORDER[form])
+    if not np.isfinite(points).all():
+        raise InputError("coordinates must be finite, but some are NaN or infinite; remove those points")
+    return points
+
+
+def encode_ply(grid: VoxelGrid) -> bytes:
+    """Bytes of the `.ply` cloud of the centres of the occupied voxels, float32 [m], binary little endian."""
+    points = grid.occupied_points().astype("<f4")
+    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
+    lines += [*(f"property float {axis}" for axis in "xyz"), "end_header", ""]
+    return "\n".join(lines).encode() + points.tobytes()
+
+
+def _read_ascii(body: bytes, before: list[Element], vertex: Element, is_last: bool) -> np.ndarray:
+    rows = [line for line in body.splitlines() if line.strip()]
+    first = sum(element.count for element in before)
+    rows_left = len(rows) - first
+    if rows_left < vertex.count or (is_last and rows_left > vertex.count):
+        raise InputError(f"the header says {vertex.count:,} vertices, but {max(rows_left, 0):,} lines follow")
+    width = len(vertex.properties)
+    words = b" ".join(rows[first : first + vertex.count]).split()
+    if len(words) != vertex.count * width:
+        raise InputError(f"each vertex must have {width} numbers")
+    try:
+        table = np.array(words, dtype="S").astype(np.float64).reshape(vertex.count, width)
+    except ValueError as error:
+        raise InputError(f"the vertices must be numbers ({error})") from error
+    columns = [name for name, _ in vertex.properties]
+    types = dict(vertex.properties)
+    dtype = np.float64 if any(types[axis] == "f8" for axis in "xyz") else np.float32
+    return table[:, [columns.index(axis) for axis in "xyz"]].astype(dtype)
+
+
+def _read_binary(
+    data: bytes, start: int, before: list[Element], vertex: Element, is_last: bool, byte_order: str
+) -> np.ndarray:
+    for element in before:
+        codes = [code for _, code in element.properties]
+        if None in codes:
+            raise InputError(
+                f"the element {element.name!r} before the vertices holds lists, which cannot be skipped"
+            )
+        start += element.count * sum(np.dtype(code).itemsize for code in codes)
+    row = np.dtype([(name, f"{byte_order}{code}") for name, code in vertex.properties])
+    num_bytes = len(data) - start
+    if num_bytes < vertex.count * row.itemsize:
+        raise InputError(
+            f"the header says {vertex.count:,} vertices of {row.itemsize} bytes, "
+            "but the data end before (truncated)"
+        )
+    if is_last and num_bytes > vertex.count * row.itemsize:
+        raise InputError(f"{num_bytes - vertex.count * row.itemsize} bytes follow after the last vertex")
+    table = np.frombuffer(data, row, count=vertex.count, offset=start)
+    dtype = np.float64 if any(table[axis].dtype.itemsize == 8 for axis in "xyz") else np.float32
+    return np.stack([table[axis].astype(dtype) for axis in "xyz"], axis=1)
+
+
+def _read_header(data: bytes) -> tuple[str, list[Element], int]:
+    """Format, elements and start of the data."""
+    if data[:4] not in (b"ply\n", b"ply\r"):
+        raise InputError("the first line must be 'ply'")
+    form, elements, position = "", [], data.find(b"\n") + 1
+    while 0 < position < _MAX_HEADER:
+        end = data.find(b"\n", position, position + _MAX_HEADER)
+        if end < 0:
+            break
+        words = data[position:end].decode("latin-1").split()
+        position = end + 1
+        if words == ["end_header"]:
+            if form not in _BYTE_ORDER:
+                raise InputError(f"the format must be one of {', '.join(_BYTE_ORDER)}, got {form!r}")
+            return form, elements, position
+        if words[:1] == ["format"] and len(words) == 3:
+            form = words[1]
+        elif words[:1] == ["element"] and len(words) == 3 and words[2].isascii() and words[2].isdigit():
+            elements.append(Element(words[1], int(words[2]), []))
+        elif words[:1] == ["property"] and elements and len(words) >= 3:
+            elements[-1].properties.append((words[-1], _type_code(words)))
+        elif words[:1] not in (["comment"], ["obj_info"], []):
+            raise InputError(f"the header line {' '.join(words)[:80]!r} cannot be understood")
+    raise InputError("the header has no line 'end_header' (truncated or not a PLY file)")
+
+
+def _type_code(words: list[str]) -> str | None:
+    if words[1] == "list":
+        return None
+    if len(words) != 3 or words[1] not in _TYPES:
+        raise InputError(f"the property {' '.join(words[1:])[:80]!r} has an unknown type")
+    return _TYPES[words[1]]
