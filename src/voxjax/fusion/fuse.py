@@ -1,0 +1,160 @@
+"""Fusion of maps whose poses are known: resample all into one lattice, then apply a rule voxel by voxel."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._checks import InputError, check_choice, check_pose, check_positive
+from ..grid import VoxelGrid
+from ..ops.lattice import check_num_voxels, moved_bounds, origin_of_cell
+from ..ops.resample import chunk_size, flat_source, lookup_chunk, source_from_target, take_flat
+from .rules import RULES, fuse_keep, fuse_log_odds, fuse_paper, log_odds_of_states
+
+
+def fuse(
+    grids: Sequence[VoxelGrid],
+    poses: Sequence[object],
+    *,
+    rule: str | None = None,
+    voxel_size: float | None = None,
+) -> VoxelGrid:
+    """Fuse maps into one, in the frame that the poses map into.
+
+    The result lies on the lattice of whole multiples of the voxel size, so it can be written as an OctoMap file; a
+    map that lies on that lattice and has the identity as its pose is copied voxel for voxel. Other maps are looked up
+    backward, nearest voxel, so that surfaces get no holes.
+
+    Args:
+        grids: One or more maps.
+        poses: For each map the (4, 4) rigid transform of its points into the common frame, `T_world_map`.
+        rule: "paper" (IV.D), "keep" (what any map knows), "log_odds" (sum of evidence), see `fusion.rules`; None is
+            "log_odds" if every map has log-odds, else "keep".
+        voxel_size: Of the result [m]. None is the finest of the maps': no detail is lost, and the result does not depend
+            on their order. Maps finer than it are coarsened first, occupied parts winning.
+
+    Returns:
+        The fused map; with log-odds under the rule "log_odds" only, the others are about states.
+
+    Raises:
+        InputError: If there is no map, a pose is missing or not rigid, or the fused map would have more than
+            2**31 - 1 voxels.
+    """
+    grids, matrices = _checked(grids, poses)
+    if rule is None:
+        rule = "log_odds" if all(grid.log_odds is not None for grid in grids) else "keep"
+    check_choice("rule", rule, RULES)
+    if voxel_size is None:
+        voxel_size = min(grid.voxel_size for grid in grids)
+    voxel_size = check_positive("voxel_size", voxel_size, "m")
+    grids = [grid.with_voxel_size(voxel_size) if grid.voxel_size < voxel_size else grid for grid in grids]
+    bounds = [
+        moved_bounds(np.asarray(g.states), np.asarray(g.origin), g.voxel_size, T, voxel_size)
+        for g, T in zip(grids, matrices, strict=True)
+    ]
+    filled = [(low, high) for low, high in bounds if (high > low).all()]
+    if not filled:
+        return VoxelGrid(np.zeros((1, 1, 1), np.uint8), np.zeros(3, np.float32), voxel_size)
+    low = np.min([low for low, _ in filled], axis=0)
+    shape = np.max([high for _, high in filled], axis=0) - low
+    check_num_voxels(
+        shape, "the fused map", "check the poses, leave out far maps, or give a larger voxel_size"
+    )
+    sources = [
+        _Source.of(grid, T, low, voxel_size, bound)
+        for grid, T, bound in zip(grids, matrices, bounds, strict=True)
+        if (bound[1] > bound[0]).all()
+    ]
+    states, log_odds = _fuse_chunks(sources, shape, rule)
+    return VoxelGrid(states, origin_of_cell(low, voxel_size), voxel_size, log_odds)
+
+
+class _Source(NamedTuple):
+    """A map on the device, and where it lies in the fused grid."""
+
+    states: jax.Array
+    log_odds: jax.Array | None
+    shape: np.ndarray
+    affine: np.ndarray
+    x_range: tuple[int, int]
+
+    @classmethod
+    def of(
+        cls,
+        grid: VoxelGrid,
+        T: np.ndarray,
+        low: np.ndarray,
+        voxel_size: float,
+        bound: tuple[np.ndarray, np.ndarray],
+    ) -> "_Source":
+        origin = np.asarray(grid.origin)
+        return cls(
+            flat_source(np.asarray(grid.states)),
+            None if grid.log_odds is None else flat_source(np.asarray(grid.log_odds)),
+            np.asarray(grid.shape, np.int32),
+            source_from_target(T, origin, grid.voxel_size, low, voxel_size),
+            (int(bound[0][0] - low[0]), int(bound[1][0] - low[0])),
+        )
+
+
+def _fuse_chunks(
+    sources: list[_Source], shape: np.ndarray, rule: str
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Run through the fused grid in runs of flat indices, so that memory does not grow with the number of maps."""
+    num_voxels = int(np.prod(shape))
+    fused = np.zeros(num_voxels, np.uint8)
+    fused_odds = np.zeros(num_voxels, np.float32) if rule == "log_odds" else None
+    size, slab = chunk_size(num_voxels), int(shape[1] * shape[2])
+    target_shape = shape.astype(np.int32)
+    for start in range(0, num_voxels, size):
+        stop = min(start + size, num_voxels)
+        # The paper's rule asks which maps' boxes reach a voxel, and boxes reach farther than what is known in them.
+        near = [
+            source
+            for source in sources
+            if rule == "paper" or (source.x_range[0] * slab < stop and source.x_range[1] * slab > start)
+        ]
+        if not near:
+            continue
+        states, odds = _fuse_chunk(near, target_shape, start, size, rule)
+        fused[start:stop] = np.asarray(states)[: stop - start]
+        if fused_odds is not None:
+            fused_odds[start:stop] = np.asarray(odds)[: stop - start]
+    sides = tuple(shape.tolist())
+    return fused.reshape(sides), None if fused_odds is None else fused_odds.reshape(sides)
+
+
+def _fuse_chunk(
+    sources: list[_Source], target_shape: np.ndarray, start: int, size: int, rule: str
+) -> tuple[jax.Array, jax.Array | None]:
+    states, covered, odds = [], [], []
+    for source in sources:
+        index, is_inside = lookup_chunk(source.shape, source.affine, target_shape, np.int32(start), size=size)
+        states.append(take_flat(source.states, index, is_inside))
+        covered.append(is_inside)
+        if rule == "log_odds":
+            has_odds = source.log_odds is not None
+            odds.append(
+                take_flat(source.log_odds, index, is_inside) if has_odds else log_odds_of_states(states[-1])
+            )
+    if rule == "paper":
+        return fuse_paper(jnp.stack(states), jnp.stack(covered)), None
+    if rule == "log_odds":
+        return fuse_log_odds(jnp.stack(states), jnp.stack(odds))
+    return fuse_keep(jnp.stack(states)), None
+
+
+def _checked(grids: Sequence[VoxelGrid], poses: Sequence[object]) -> tuple[list[VoxelGrid], list[np.ndarray]]:
+    grids, poses = list(grids), list(poses)
+    if not grids:
+        raise InputError("grids must hold at least one map, got none.")
+    if len(poses) != len(grids):
+        raise InputError(f"poses must hold one pose a map, got {len(poses)} poses for {len(grids)} maps.")
+    for number, pose in enumerate(poses):
+        if pose is None:
+            raise InputError(
+                f"poses[{number}] is None: that map has no place; leave it out of grids and poses."
+            )
+    return grids, [check_pose(f"poses[{number}]", pose) for number, pose in enumerate(poses)]

@@ -1,0 +1,87 @@
+"""What a voxel becomes when several maps see it: pure functions over stacked maps, the first axis.
+
+All rules are commutative. "paper" and "keep" are associative and idempotent too, so fusing N maps at once equals fusing
+them one after another. The log-odds rule adds evidence: a map fused with itself becomes surer, on purpose.
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Bool, Float, Float32, UInt8
+
+from .._types import FREE, OCCUPIED, UNKNOWN, Array
+from ..io.octomap import LOG_ODDS_FREE, LOG_ODDS_OCCUPIED
+
+RULES = ("paper", "keep", "log_odds")
+
+# One observation, as OctoMap counts it: probabilities 0.7 and 0.4. For maps that come without log-odds, whose certainty
+# is not known.
+LOG_ODDS_HIT = 0.85
+LOG_ODDS_MISS = -0.4
+
+
+@jax.jit
+def fuse_paper(
+    states: UInt8[Array, "maps *voxels"], is_covered: Bool[Array, "maps *voxels"]
+) -> UInt8[Array, "*voxels"]:
+    """The fusion rule of the paper (IV.D).
+
+    In the overlapping area a voxel is occupied if it is occupied in any map, free if it is free in every map, and
+    otherwise unknown. The overlapping area is the volume that the maps' boxes share, not the voxels that both know: among
+    those "otherwise" could never happen. What one map left unknown therefore becomes unknown unless the other saw it
+    occupied. Where only one map reaches, the paper is silent and that map's state is kept.
+
+    Args:
+        states: 0 unknown, 1 free, 2 occupied.
+        is_covered: Whether a voxel lies within a map's box.
+
+    Returns:
+        States of the fused map.
+    """
+    is_occupied = jnp.any((states == OCCUPIED) & is_covered, axis=0)
+    all_free = jnp.all((states == FREE) | ~is_covered, axis=0) & jnp.any(is_covered, axis=0)
+    return jnp.where(is_occupied, OCCUPIED, jnp.where(all_free, FREE, UNKNOWN))
+
+
+@jax.jit
+def fuse_keep(states: UInt8[Array, "maps *voxels"]) -> UInt8[Array, "*voxels"]:
+    """Keep what any map knows: occupied beats free, free beats unknown.
+
+    Args:
+        states: 0 unknown, 1 free, 2 occupied: the codes are ordered, so the rule is the maximum.
+
+    Returns:
+        States of the fused map.
+    """
+    return jnp.max(states, axis=0)
+
+
+@jax.jit
+def fuse_log_odds(
+    states: UInt8[Array, "maps *voxels"], log_odds: Float[Array, "maps *voxels"]
+) -> tuple[UInt8[Array, "*voxels"], Float[Array, "*voxels"]]:
+    """Add the log-odds of independent maps, within OctoMap's limits -2.0 and 3.51.
+
+    Commutative and, up to the limits and rounding, associative; not idempotent.
+
+    Args:
+        states: 0 unknown, 1 free, 2 occupied; unknown voxels add nothing.
+        log_odds: Of each voxel.
+
+    Returns:
+        States (occupied where the sum is 0 or more, as OctoMap has it) and log-odds of the fused map, 0 where
+        no map knows anything.
+    """
+    is_known = states != UNKNOWN
+    zero = jnp.zeros((), log_odds.dtype)
+    total = jnp.sum(jnp.where(is_known, log_odds, zero), axis=0, dtype=log_odds.dtype)
+    limits = (jnp.asarray(limit, log_odds.dtype) for limit in (LOG_ODDS_FREE, LOG_ODDS_OCCUPIED))
+    total = jnp.clip(total, *limits)
+    known_state = jnp.where(total >= zero, OCCUPIED, FREE)
+    return jnp.where(jnp.any(is_known, axis=0), known_state, UNKNOWN), total
+
+
+@jax.jit
+def log_odds_of_states(states: UInt8[Array, "*voxels"]) -> Float32[Array, "*voxels"]:
+    """Log-odds of one observation for each voxel of a map without probabilities: 0.85 occupied, -0.4 free, 0 unknown."""
+    values = jnp.asarray([0.0, LOG_ODDS_MISS, LOG_ODDS_HIT], jnp.float32)
+    return values[states.astype(jnp.int32)]

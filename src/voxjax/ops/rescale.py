@@ -1,0 +1,69 @@
+"""Change of the resolution of a grid, one axis after the other."""
+
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+from .._types import UNKNOWN
+from .lattice import check_num_voxels, origin_in_voxels, origin_of_cell
+
+# Centres that lie on a border of new voxels [voxels] go to the upper one, whichever way float32 rounded.
+_TIE = 1e-4
+
+
+def rescale_states(
+    states: UInt8[np.ndarray, "x y z"],
+    origin: Float32[np.ndarray, "3"],
+    voxel_size: float,
+    new_voxel_size: float,
+    log_odds: Float32[np.ndarray, "x y z"] | None = None,
+) -> tuple[UInt8[np.ndarray, "u v w"], Float32[np.ndarray, "3"], Float32[np.ndarray, "u v w"] | None]:
+    """Bring a grid to another voxel size, on the lattice of multiples of the new one.
+
+    Coarser: each voxel goes where its centre lies; a new voxel is occupied if any of its parts is, else free if any is,
+    and has the highest log-odds of its known parts. Finer: a new voxel has the state of the voxel that holds
+    its centre. Any ratio is fine.
+
+    Args:
+        states: 0 unknown, 1 free, 2 occupied.
+        origin: Outer corner [m].
+        voxel_size: Of the grid [m].
+        new_voxel_size: Of the result [m].
+        log_odds: Or None.
+
+    Returns:
+        States, origin and log-odds (None if not given) of the result.
+
+    Raises:
+        InputError: If the result would have more than 2**31 - 1 voxels.
+    """
+    if not all(states.shape):
+        return states, np.asarray(origin, np.float32), log_odds
+    base = origin_in_voxels(origin, voxel_size)
+    # Log-odds of unknown voxels must not win over negative ones of free voxels.
+    odds = None if log_odds is None else np.where(states == UNKNOWN, np.float32(-np.inf), log_odds)
+    plans = [_plan_axis(base[a], states.shape[a], voxel_size / new_voxel_size) for a in range(3)]
+    shape = np.array([len(index) for _, index, _ in plans])
+    check_num_voxels(shape, "the map at the new voxel size", "choose a larger voxel size")
+    for axis, (_, index, is_coarser) in enumerate(plans):
+        states = _apply_axis(states, axis, index, is_coarser)
+        odds = None if odds is None else _apply_axis(odds, axis, index, is_coarser)
+    if odds is not None:
+        odds = np.where(states == UNKNOWN, np.float32(0), odds)
+    return states, origin_of_cell(np.array([low for low, _, _ in plans]), new_voxel_size), odds
+
+
+def _plan_axis(base: float, count: int, ratio: float) -> tuple[int, np.ndarray, bool]:
+    """Lowest new cell; where each new cell starts among the old (coarser) or which old cell it takes (finer)."""
+    if ratio < 1.0:
+        cell = np.floor((base + np.arange(count) + 0.5) * ratio + _TIE).astype(np.int64)
+        return int(cell[0]), np.flatnonzero(np.diff(cell, prepend=cell[0] - 1)), True
+    low, high = int(np.floor(base * ratio)) - 1, int(np.ceil((base + count) * ratio)) + 1
+    cell = np.arange(low, high)
+    source = np.floor((cell + 0.5) / ratio - base + _TIE).astype(np.int64)
+    inside = (source >= 0) & (source < count)
+    return int(cell[inside][0]), source[inside], False
+
+
+def _apply_axis(values: np.ndarray, axis: int, index: np.ndarray, is_coarser: bool) -> np.ndarray:
+    # States are ordered unknown < free < occupied, so "occupied if any, else free if any" is the maximum.
+    return np.maximum.reduceat(values, index, axis=axis) if is_coarser else np.take(values, index, axis=axis)
