@@ -13,7 +13,7 @@ from .npz import decode_npz, encode_npz
 from .octomap import MAX_VOXELS, decode_bt, decode_ot, encode_bt, encode_ot
 from .ply import decode_ply, encode_ply
 
-__all__ = ["ENDINGS", "MAX_VOXELS", "read_map", "write_map"]
+__all__ = ["ENDINGS", "MAX_VOXELS", "encode_map", "read_map", "write_map"]
 
 _DECODERS = {".bt": decode_bt, ".ot": decode_ot, ".npz": decode_npz}
 _ENCODERS = {".bt": encode_bt, ".ot": encode_ot, ".npz": encode_npz, ".ply": encode_ply}
@@ -77,13 +77,21 @@ def write_map(path: str | os.PathLike, grid: VoxelGrid, *, force: bool = True) -
     Raises:
         InputError: If the format cannot hold the grid or the file cannot be written; the message names it.
     """
+    write_bytes(path, encode_map(path, grid), force=force)
+
+
+def encode_map(path: str | os.PathLike, grid: VoxelGrid) -> bytes:
+    """The bytes of the file that `write_map` would write, for those who write several files at once.
+
+    Raises:
+        InputError: If the format cannot hold the grid; the message names the path.
+    """
     path = Path(path)
     encode = _ENCODERS[_ending(path)]
     try:
-        data = encode(grid)
+        return encode(grid)
     except InputError as error:
         raise InputError(f"{path} cannot be written: {str(error).removesuffix('.')}.") from error
-    write_bytes(path, data, force=force)
 
 
 def _ending(path: Path) -> str:

@@ -87,8 +87,8 @@ def merge(
     """Merge two or more maps whose relative poses are unknown.
 
     Every pair is registered. The accepted pairs form a graph; its largest connected part is merged (of equal
-    parts, the one with the lowest map number), along the spanning tree with the highest confidence. Maps outside
-    it are left out and have the pose None.
+    parts, the one with the lowest map number), along the spanning tree with the highest confidence. Maps
+    outside it are left out and have the pose None.
 
     Args:
         grids: The maps, at least two.
@@ -143,8 +143,8 @@ def spanning_tree(
 ) -> list[tuple[int, int, Registration]]:
     """The edges of the best tree over the largest part of the maps that accepted pairs connect.
 
-    Edges are taken by confidence, then by evidence, then by map numbers (Kruskal), so the result does not depend
-    on the order of `pairs`. Of parts of equal size, the one with the lowest map number is returned.
+    Edges are taken by confidence, then by evidence, then by map numbers (Kruskal), so the result does not
+    depend on the order of `pairs`. Of parts of equal size, the one with the lowest map number is returned.
     """
     accepted = [pair for pair in pairs if pair[2].accepted]
     accepted.sort(key=lambda pair: (-pair[2].confidence, -_best_score(pair[2]), pair[0], pair[1]))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import socket
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -53,7 +55,8 @@ def page_html(grids: Sequence[VoxelGrid], poses: Sequence[Array | None], fused: 
     colors = tint_by_height(colors, index[is_shown, 2].astype(np.float64))
     centre = points.mean(axis=0, dtype=np.float64) if len(points) else np.zeros(3)
     reach = float(np.ptp(points, axis=0).max()) if len(points) else 1.0
-    server = viser.ViserServer(host="127.0.0.1", port=_free_port(), verbose=False)
+    with contextlib.redirect_stdout(io.StringIO()):  # it prints a banner
+        server = viser.ViserServer(host="127.0.0.1", port=_free_port(), verbose=False)
     try:
         server.scene.set_up_direction("+z")
         server.initial_camera.position = tuple(np.asarray([0.6, 0.6, 0.7]) * reach)
@@ -64,7 +67,8 @@ def page_html(grids: Sequence[VoxelGrid], poses: Sequence[Array | None], fused: 
         )  # fmt: skip
         return server.scene.as_html()
     finally:
-        server.stop()
+        with contextlib.redirect_stdout(io.StringIO()):
+            server.stop()
 
 
 def _free_port() -> int:

@@ -96,12 +96,16 @@ def share_colors(is_seen: Bool[np.ndarray, "maps n"]) -> UInt8[np.ndarray, "n 3"
     return colors
 
 
-def draw_maps(grids: Sequence[VoxelGrid], *, names: Sequence[str] | None = None) -> Image:
+def draw_maps(
+    grids: Sequence[VoxelGrid], *, names: Sequence[str] | None = None, cut_ceiling: bool = True
+) -> Image:
     """Draw each map in isometric view (above) and from above (below), coloured by height."""
     panels = []
     for number, grid in enumerate(grids):
         title = f"{names[number] if names else f'map {number}'}   {grid.num_occupied:,} occupied voxels"
-        panels.append(_stack([_titled(draw_grid(grid), title), draw_grid(grid, view="top", height=420)]))
+        isometric = draw_grid(grid, cut_ceiling=cut_ceiling)
+        from_above = draw_grid(grid, view="top", height=420, cut_ceiling=cut_ceiling)
+        panels.append(_stack([_titled(isometric, title), from_above]))
     return _frame(_rows(panels, per_row=2))
 
 

@@ -1,0 +1,41 @@
+"""`voxjax corners`: the detected corners as a table."""
+
+import argparse
+
+import numpy as np
+
+from ..features.corners import Corners, detect_corners
+from ..io import read_map
+from .outputs import check_outputs, write_outputs
+from .runtime import use_compilation_cache
+
+HEADER = "x,y,z," + ",".join(f"n{row}{axis}" for row in (1, 2, 3) for axis in "xyz") + ",kind"
+
+
+def run(args: argparse.Namespace) -> int:
+    """Detect the corners of a map, write them and return the exit code."""
+    check_outputs([(args.output, (".csv",))], force=args.force)
+    use_compilation_cache()
+    corners = detect_corners(
+        read_map(args.map, voxel_size=args.voxel_size), virtual=args.virtual, preset=args.preset
+    )
+    write_outputs({args.output: corners_csv(corners).encode()}, force=args.force)
+    mask = np.asarray(corners.mask)
+    num_observed = int(np.count_nonzero(mask & np.asarray(corners.is_observed)))
+    num_virtual = int(np.count_nonzero(mask)) - num_observed
+    print(f"{args.output}: {num_observed} observed and {num_virtual} virtual corners")
+    return 0
+
+
+def corners_csv(corners: Corners) -> str:
+    """Position [m], the three unit normals into free space, "observed" or "virtual"; one corner a line."""
+    mask = np.asarray(corners.mask)
+    rows = zip(
+        np.asarray(corners.position)[mask], np.asarray(corners.normals)[mask].reshape(-1, 9),
+        np.asarray(corners.is_observed)[mask], strict=True,
+    )  # fmt: skip
+    lines = [HEADER]
+    for position, normals, is_observed in rows:
+        numbers = [f"{value:.4f}" for value in position] + [f"{value:.5f}" for value in normals]
+        lines.append(",".join([*numbers, "observed" if is_observed else "virtual"]))
+    return "\n".join(lines) + "\n"

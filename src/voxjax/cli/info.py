@@ -1,0 +1,52 @@
+"""`voxjax info`: what a map holds."""
+
+import argparse
+import json
+
+from ..grid import VoxelGrid
+from ..io import read_map
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print what each map holds and return the exit code."""
+    facts = {path: map_facts(read_map(path, voxel_size=args.voxel_size)) for path in args.maps}
+    if args.json:
+        print(json.dumps([{"path": path, **entry} for path, entry in facts.items()], indent=1))
+        return 0
+    for path, entry in facts.items():
+        print(path)
+        for line in _lines(entry):
+            print(f"  {line}")
+    return 0
+
+
+def map_facts(grid: VoxelGrid) -> dict:
+    """Counts, extents [m], voxel size [m], shares and memory [byte] of a map."""
+    low, high = grid.extent
+    total = grid.shape[0] * grid.shape[1] * grid.shape[2]
+    counts = {"occupied": grid.num_occupied, "free": grid.num_free}
+    counts["unknown"] = total - counts["occupied"] - counts["free"]
+    return {
+        "voxel_size": grid.voxel_size,
+        "shape": list(grid.shape),
+        "low": [round(float(value), 6) for value in low],
+        "high": [round(float(value), 6) for value in high],
+        "counts": counts,
+        "shares": {name: count / max(total, 1) for name, count in counts.items()},
+        "log_odds": grid.log_odds is not None,
+        "memory_bytes": grid.states.nbytes + (0 if grid.log_odds is None else grid.log_odds.nbytes),
+    }
+
+
+def _lines(entry: dict) -> list[str]:
+    size = " x ".join(map(str, entry["shape"]))
+    box = ", ".join(
+        f"{axis} {low:.2f} to {high:.2f}"
+        for axis, low, high in zip("xyz", entry["low"], entry["high"], strict=True)
+    )
+    lines = [f"{size} voxels of {entry['voxel_size']:g} m", f"{box} m"]
+    for name, count in entry["counts"].items():
+        lines.append(f"{name:<9}{count:>14,}  {100 * entry['shares'][name]:5.1f} %")
+    odds = "with log-odds" if entry["log_odds"] else "no log-odds"
+    lines.append(f"{entry['memory_bytes'] / 1e6:.1f} MB in memory, {odds}")
+    return lines

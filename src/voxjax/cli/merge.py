@@ -1,0 +1,137 @@
+"""`voxjax merge`: maps in, one map out, or an honest refusal."""
+
+import argparse
+import json
+import sys
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from .._checks import InputError
+from ..grid import VoxelGrid
+from ..io import read_map
+from ..pipeline.many import Merge, merge
+from ..pipeline.report import merge_report
+from ..view import check_page_support, draw_merge, encode_png, page_html
+from .guess import parse_guess
+from .outputs import MAP_ENDINGS, check_outputs, map_bytes, write_outputs
+from .runtime import Progress, use_compilation_cache
+
+
+def run(args: argparse.Namespace) -> int:
+    """Merge maps as the arguments say and return the exit code."""
+    _check(args)
+    guess = None if args.init_guess is None else parse_guess(args.init_guess)
+    config = None if args.config is None else read_config(args.config)
+    use_compilation_cache()
+    progress = Progress(quiet=args.quiet)
+    progress("read")
+    grids = [read_map(path, voxel_size=args.voxel_size) for path in args.maps]
+    for path, grid in zip(args.maps, grids, strict=True):
+        if grid.num_occupied == 0:
+            raise InputError(f"{path} has no occupied voxel, so there is nothing to align; leave it out.")
+    merged = merge(
+        grids, preset=args.preset, rule=args.rule, gravity_aligned=args.gravity_aligned, init_guess=guess,
+        config=config, on_stage=progress,
+    )  # fmt: skip
+    is_written = merged.status == "merged" or (merged.status == "partial" and args.allow_partial)
+    progress("write")
+    write_outputs(_contents(args, grids, merged, progress, is_written=is_written), force=args.force)
+    progress.finish()
+    for line in summary(merged, args.maps):
+        print(line)
+    if is_written:
+        grid = merged.grid
+        assert grid is not None
+        print(f"{args.output}: {grid!r}")
+        return 0
+    hint = "" if merged.status == "no_overlap" else " Use --allow-partial to write the map of the others."
+    print(f"voxjax: no map written: {merged.reason}{hint}", file=sys.stderr)
+    return 3
+
+
+def read_config(path: str) -> dict:
+    """Return the settings in a TOML file as nested dictionaries.
+
+    Raises:
+        InputError: If the file cannot be read or is no TOML.
+    """
+    try:
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}.") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} is no TOML file: {error}.") from error
+
+
+def summary(merged: Merge, names: Sequence[str]) -> list[str]:
+    """Lines for a person: where each map lies, and how the pairs came out."""
+    lines = []
+    for name, pose in zip(names, merged.poses, strict=True):
+        lines.append(f"{name}: {'fits none of the others' if pose is None else describe_pose(pose)}")
+    for a, b, registration in merged.pairs:
+        lines.append(
+            f"maps {a} and {b}: {registration.verdict}, confidence {registration.confidence:.2f}. "
+            f"{registration.reason}".rstrip()
+        )
+    for loop in merged.loops:
+        lines.append(
+            f"maps {loop.a} and {loop.b}: {loop.metres:.2f} m and {np.degrees(loop.radians):.2f} deg off the "
+            "poses chained through the other maps."
+        )
+    return lines
+
+
+def describe_pose(pose: np.ndarray) -> str:
+    """A pose as translation [m] and roll, pitch, yaw [deg] (rotations about fixed x, then y, then z)."""
+    R = np.asarray(pose, np.float64)[:3, :3]
+    roll, yaw = np.arctan2(R[2, 1], R[2, 2]), np.arctan2(R[1, 0], R[0, 0])
+    pitch = np.arctan2(-R[2, 0], np.hypot(R[2, 1], R[2, 2]))
+    x, y, z = pose[:3, 3]
+    angles = ", ".join(
+        f"{name} {np.degrees(angle):.2f}" for name, angle in (("roll", roll), ("pitch", pitch), ("yaw", yaw))
+    )
+    return f"x {x:.3f}, y {y:.3f}, z {z:.3f} m; {angles} deg"
+
+
+def _check(args: argparse.Namespace) -> None:
+    """Refuse arguments that cannot work, before any map is read."""
+    if len(args.maps) < 2:
+        raise InputError(f"merge needs at least two maps, got only {args.maps[0]}.")
+    if args.init_guess is not None and len(args.maps) != 2:
+        raise InputError(f"--init-guess is the pose of one pair, so it needs two maps, got {len(args.maps)}.")
+    for path in args.maps:
+        if not Path(path).is_file():
+            raise InputError(f"{path} cannot be read: there is no such file.")
+    outputs = [
+        (args.output, MAP_ENDINGS), (args.report, (".json",)), (args.picture, (".png",)),
+        (args.html, (".html", ".htm")),
+    ]  # fmt: skip
+    check_outputs(outputs, force=args.force)
+    if args.html is not None:
+        check_page_support()
+
+
+def _contents(
+    args: argparse.Namespace,
+    grids: Sequence[VoxelGrid],
+    merged: Merge,
+    progress: Progress,
+    *,
+    is_written: bool,
+) -> dict[str, bytes]:
+    """The bytes of all files to write: without a map to trust, the report alone."""
+    contents = {}
+    names = [Path(path).name for path in args.maps]
+    if is_written and merged.grid is not None:
+        contents[args.output] = map_bytes(args.output, merged.grid)
+        if args.picture is not None:
+            contents[args.picture] = encode_png(draw_merge(grids, merged.poses, merged.grid, names=names))
+        if args.html is not None:
+            contents[args.html] = page_html(grids, merged.poses, merged.grid).encode()
+    if args.report is not None:
+        report = merge_report(merged, grids, args.maps, seconds={"read": progress.seconds.get("read", 0.0)})
+        contents[args.report] = (json.dumps(report, indent=1, allow_nan=False) + "\n").encode()
+    return contents

@@ -1,0 +1,173 @@
+"""The arguments of the command `voxjax`; imports nothing heavy."""
+
+import argparse
+from typing import NoReturn
+
+from .. import __version__
+
+EXIT_CODES = """exit codes:
+  0  done; merge: the map was written
+  1  a fault of voxjax itself (run again with --debug for the details)
+  2  unusable input or arguments; one line says what to do
+  3  merge: no trustworthy overlap, or a map fits none of the others; no map was written
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong with the arguments in one line instead of printing the whole usage."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"voxjax: {message} (see: {self.prog} --help)\n")
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Return the parser; the chosen command is in `command`."""
+    parser = _Parser(
+        prog="voxjax",
+        description="Fuse 3D occupancy maps of several robots without knowing how they lie to each other.",
+        epilog=EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"voxjax {__version__}")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    _add_merge(commands)
+    _add_info(commands)
+    _add_convert(commands)
+    _add_corners(commands)
+    _add_render(commands)
+    _add_demo(commands)
+    return parser
+
+
+def _add_command(commands, name: str, summary: str, **options) -> argparse.ArgumentParser:
+    """A subcommand with the options that all of them have."""
+    command = commands.add_parser(
+        name,
+        help=summary,
+        description=summary,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        **options,
+    )
+    command.add_argument("--debug", action="store_true", help="show the traceback of a fault")
+    return command
+
+
+def _add_quiet(command: argparse.ArgumentParser) -> None:
+    command.add_argument("-q", "--quiet", action="store_true", help="show no progress")
+
+
+def _add_force(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--force", action="store_true", help="overwrite output files that exist")
+
+
+def _add_voxel_size(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--voxel-size", type=positive_number, metavar="M",
+        help="edge length of a voxel [m]; clouds (.ply) need it, maps are brought to it",
+    )  # fmt: skip
+
+
+def _add_preset(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--preset",
+        choices=("default", "paper"),
+        default="default",
+        help="'paper' is the published method alone",
+    )
+
+
+def _add_merge(commands) -> None:
+    command = _add_command(
+        commands, "merge", "Find how the maps lie to each other and fuse them into one.", epilog=EXIT_CODES
+    )
+    command.add_argument("maps", nargs="+", metavar="MAP", help="two or more maps: .bt, .ot, .npz, .ply")
+    command.add_argument(
+        "-o", "--output", required=True, metavar="OUT", help="the fused map: .bt, .ot, .npz, .ply"
+    )
+    command.add_argument("--report", metavar="R.json", help="poses, verdicts, numbers and times as JSON")
+    command.add_argument("--picture", metavar="P.png", help="all maps and the fused one as a picture")
+    command.add_argument(
+        "--html", metavar="V.html", help="a page to turn the fused map around in (voxjax[view])"
+    )
+    _add_voxel_size(command)
+    command.add_argument(
+        "--gravity-aligned", action="store_true", help="the z axes of all maps point up: only yaw is unknown"
+    )
+    _add_preset(command)
+    command.add_argument(
+        "--rule", choices=("paper", "keep", "log_odds"),
+        help="how states are combined; chosen by what the maps hold if not given",
+    )  # fmt: skip
+    command.add_argument("--config", metavar="F.toml", help="settings of the stages")
+    command.add_argument(
+        "--init-guess", metavar="T",
+        help="with two maps, a pose to try as well, mapping points of the second into the first: 16 numbers "
+        "(4x4, row by row) or 7 (x y z qx qy qz qw), in quotes, or the name of a text file that holds them",
+    )  # fmt: skip
+    command.add_argument(
+        "--allow-partial", action="store_true", help="write the map also when some of the maps fit none"
+    )
+    _add_force(command)
+    _add_quiet(command)
+
+
+def _add_info(commands) -> None:
+    command = _add_command(commands, "info", "Counts, extents, voxel size, share of each state, memory.")
+    command.add_argument("maps", nargs="+", metavar="MAP")
+    _add_voxel_size(command)
+    command.add_argument("--json", action="store_true", help="as JSON")
+
+
+def _add_convert(commands) -> None:
+    command = _add_command(
+        commands, "convert", "Any readable format to any writable one, by the files' endings."
+    )
+    command.add_argument("input", metavar="IN")
+    command.add_argument("output", metavar="OUT")
+    _add_voxel_size(command)
+    _add_force(command)
+
+
+def _add_corners(commands) -> None:
+    command = _add_command(commands, "corners", "The detected corners of a map with their normals, as CSV.")
+    command.add_argument("map", metavar="MAP")
+    command.add_argument("-o", "--output", required=True, metavar="C.csv")
+    command.add_argument(
+        "--virtual", action="store_true", help="also corners that are hidden by other things"
+    )
+    _add_preset(command)
+    _add_voxel_size(command)
+    _add_force(command)
+
+
+def _add_render(commands) -> None:
+    command = _add_command(commands, "render", "Maps as a picture: isometric and from above.")
+    command.add_argument("maps", nargs="+", metavar="MAP")
+    command.add_argument("-o", "--output", required=True, metavar="P.png")
+    command.add_argument("--keep-ceiling", action="store_true", help="do not cut closed buildings open")
+    _add_voxel_size(command)
+    _add_force(command)
+
+
+def _add_demo(commands) -> None:
+    command = _add_command(
+        commands, "demo",
+        "A generated building, scanned by three robots, merged, checked against the truth, drawn.",
+    )  # fmt: skip
+    command.add_argument(
+        "--out", default="demo", metavar="DIR", help="folder for the files (made if missing)"
+    )
+    command.add_argument("--seed", type=int, default=7, help="which building")
+    _add_force(command)
+    _add_quiet(command)
+
+
+def positive_number(text: str) -> float:
+    """A finite number above zero."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = 0.0
+    if not 0.0 < number < float("inf"):
+        raise argparse.ArgumentTypeError(f"must be a number above 0, got {text!r}")
+    return number

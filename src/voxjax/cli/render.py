@@ -1,0 +1,20 @@
+"""`voxjax render`: maps as a picture."""
+
+import argparse
+from pathlib import Path
+
+from ..io import read_map
+from ..view import draw_maps, encode_png
+from .outputs import check_outputs, write_outputs
+
+
+def run(args: argparse.Namespace) -> int:
+    """Draw maps and return the exit code."""
+    check_outputs([(args.output, (".png",))], force=args.force)
+    grids = [read_map(path, voxel_size=args.voxel_size) for path in args.maps]
+    names = [Path(path).name for path in args.maps]
+    picture = encode_png(draw_maps(grids, names=names, cut_ceiling=not args.keep_ceiling))
+    write_outputs({args.output: picture}, force=args.force)
+    height, width = int.from_bytes(picture[20:24], "big"), int.from_bytes(picture[16:20], "big")
+    print(f"{args.output}: {width} x {height} pixels")
+    return 0
