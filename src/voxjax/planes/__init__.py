@@ -1,1 +1,1 @@
-"""voxjax.planes."""
+"""Planes of a map: growing, consolidating, fitting."""

@@ -1,0 +1,49 @@
+"""Flat, edge and corner voxels, by how the occupied count changes when the window moves (section III)."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import UInt8
+
+from .._checks import InputError
+from .._types import Array
+from ..ops.window import Occupied, count_steady_directions
+
+EMPTY, FLAT, EDGE, CORNER = 0, 1, 2, 3
+
+
+def classify_voxels(
+    occupied: Occupied, *, size: int = 7, shift: int = 3, min_change: int = 20
+) -> UInt8[Array, "x y z"]:
+    """Classify each voxel as not occupied, flat, edge or corner (section III).
+
+    The paper calls a voxel an initial feature point "if the number of occupied cubes in the window changes
+    significantly when moving the window in any direction". Here the directions are the 13 of the voxel lattice (both
+    senses of each), the moves some `shift` voxels long, and a change is significant from `min_change` per cent of
+    the count. On a plane several directions leave the count as it is, along an edge one does, at a corner none.
+
+    Args:
+        occupied: True (or not 0) where a voxel is occupied.
+        size: Window edge [voxel]; odd.
+        shift: Length of the moves [voxel].
+        min_change: Significant change [per cent of the count], 1 to 100.
+
+    Returns:
+        uint8: 0 not occupied, 1 flat, 2 edge, 3 corner.
+
+    Raises:
+        InputError: If `shift` is below 1 or `min_change` outside 1 to 100.
+    """
+    if shift < 1:
+        raise InputError(f"shift must be 1 voxel or more, got {shift!r}.")
+    if not 1 <= min_change <= 100:
+        raise InputError(f"min_change must be a percentage from 1 to 100, got {min_change!r}.")
+    return _classify(occupied, jnp.int32(min_change), size=size, shift=shift)
+
+
+@partial(jax.jit, static_argnames=("size", "shift"))
+def _classify(occupied: Array, min_change: Array, *, size: int, shift: int) -> Array:
+    steady = count_steady_directions(occupied, min_change, size=size, shift=shift)
+    kind = jnp.where(steady == 0, CORNER, jnp.where(steady == 1, EDGE, FLAT)).astype(jnp.uint8)
+    return jnp.where(jnp.asarray(occupied).astype(jnp.bool_), kind, jnp.uint8(EMPTY))

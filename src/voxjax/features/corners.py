@@ -1,0 +1,142 @@
+"""`detect_corners`: the corners of a map."""
+
+from typing import Literal
+
+import numpy as np
+
+from .._buckets import bucket_size, pad_rows
+from .._checks import check_choice, check_positive
+from ..grid import VoxelGrid
+from ..planes.extract import PlaneMap, extract_planes
+from ..planes.triples import PlaneTriples, intersect_planes
+from .cluster import suppress_duplicates
+from .observed import FoundCorners, observe_corners, right_handed
+from .paper import paper_corners
+from .types import KIND_UNKNOWN, Corners
+
+__all__ = ["Corners", "corners_of_planes", "detect_corners"]
+
+
+def detect_corners(
+    grid: VoxelGrid, *, virtual: bool = False, preset: Literal["default", "paper"] = "default",
+    virtual_reach: float = 2.0, max_virtual: int = 256,
+) -> Corners:  # fmt: skip
+    """Find the corners of a map: points where three faces meet.
+
+    Args:
+        grid: The map.
+        virtual: Also give points where three planes meet unseen, behind furniture or beyond what was scanned.
+        preset: "default": intersections of three fitted planes whose faces lie beside the point, sub-voxel.
+            "paper": section III as written; knows no virtual corners.
+        virtual_reach: Planes of a virtual corner end within this of it [m].
+        max_virtual: At most so many virtual corners, the strongest; `num_found` tells how many there were.
+
+    Returns:
+        `Corners`, observed ones first, then virtual ones, each strongest first; possibly none.
+
+    Raises:
+        InputError: If the preset is unknown or a length is not positive.
+    """
+    check_choice("preset", preset, ("default", "paper"))
+    check_positive("virtual_reach", virtual_reach, "m")
+    if preset == "paper":
+        return _padded(paper_corners(grid).corners)
+    return corners_of_planes(
+        grid, extract_planes(grid), virtual=virtual, virtual_reach=virtual_reach, max_virtual=max_virtual
+    )
+
+
+def corners_of_planes(
+    grid: VoxelGrid, plane_map: PlaneMap, *, virtual: bool = False, virtual_reach: float = 2.0,
+    max_virtual: int = 256, min_triple_product: float = 0.4,
+) -> Corners:  # fmt: skip
+    """Find the corners of a map whose planes are known (`extract_planes`).
+
+    Args:
+        grid: The map.
+        plane_map: Its planes.
+        virtual: Also give virtual corners.
+        virtual_reach: Planes of a virtual corner end within this of it [m].
+        max_virtual: At most so many virtual corners.
+        min_triple_product: Planes whose normals have a smaller triple product are nearly parallel.
+
+    Returns:
+        `Corners`.
+    """
+    beside = 7.0 * grid.voxel_size
+    reach = max(virtual_reach, beside) if virtual else beside
+    triples = intersect_planes(plane_map, reach=reach, min_triple_product=min_triple_product)
+    normals = np.asarray(plane_map.planes.normal)[triples.planes]
+    near = np.flatnonzero((triples.distance <= beside).all(axis=1))
+    seen = observe_corners(grid, triples.position[near], normals[near])
+    observed = _observed(grid, plane_map, triples, near, seen)
+    if not virtual:
+        return _padded(observed)
+    hidden = _virtual(grid, plane_map, triples, normals, virtual_reach, observed)
+    num_hidden = len(hidden.position)
+    parts = [getattr(observed, f) for f in _FIELDS], [getattr(hidden, f)[:max_virtual] for f in _FIELDS]
+    both = (np.concatenate(pair) for pair in zip(*parts, strict=True))
+    return _padded(Corners(*both, num_found=np.asarray(len(observed.position) + num_hidden, np.int32)))
+
+
+_FIELDS = ("position", "normals", "weight", "convexity", "mask", "is_observed")
+
+
+def _weights(plane_map: PlaneMap, triples: PlaneTriples, reach: float) -> np.ndarray:
+    """How well supported: the weakest plane's width [m], less when it ends far away or the angles are flat."""
+    area = np.asarray(plane_map.planes.num_voxels, np.float64)[triples.planes] * plane_map.voxel_size**2
+    near = np.exp(-triples.distance / reach)
+    return np.abs(triples.triple_product) * (np.sqrt(area) * near).min(axis=1, initial=np.inf)
+
+
+def _observed(
+    grid: VoxelGrid, plane_map: PlaneMap, triples: PlaneTriples, near: np.ndarray, seen: FoundCorners
+) -> Corners:
+    """Observed corners, each once, strongest first."""
+    row = near[seen.row]
+    weight = _weights(plane_map, triples, 2.0)[row] * seen.coverage
+    position = triples.position[row]
+    keep = suppress_duplicates(position, seen.normals, seen.convexity, weight, radius=3.0 * grid.voxel_size)
+    return _corners(position[keep], seen.normals[keep], weight[keep], seen.convexity[keep], True)
+
+
+def _virtual(
+    grid: VoxelGrid,
+    plane_map: PlaneMap,
+    triples: PlaneTriples,
+    normals: np.ndarray,
+    reach: float,
+    observed: Corners,
+) -> Corners:
+    """Intersections of planes that end nearby, but for those that are observed corners; strongest first."""
+    signed = right_handed(normals.astype(np.float64))
+    num = len(observed.position)
+    # Observed corners outweigh everything here, so that they suppress the virtual ones that are the same.
+    position = np.concatenate([observed.position, triples.position])
+    weight = np.concatenate([np.full(num, np.inf), _weights(plane_map, triples, reach)])
+    all_normals = np.concatenate([observed.normals, signed])
+    keep = suppress_duplicates(
+        position, all_normals, np.zeros(len(position), np.int32), weight, radius=3.0 * grid.voxel_size
+    )
+    keep = keep[keep >= num]
+    kind = np.full(len(keep), KIND_UNKNOWN, np.int32)
+    return _corners(position[keep], all_normals[keep], weight[keep], kind, False)
+
+
+def _corners(
+    position: np.ndarray, normals: np.ndarray, weight: np.ndarray, convexity: np.ndarray, is_observed: bool
+) -> Corners:
+    """Unpadded corners of one sort."""
+    num = len(position)
+    return Corners(
+        position=position.astype(np.float32), normals=normals.astype(np.float32), weight=weight.astype(np.float32),
+        convexity=convexity.astype(np.uint8), mask=np.ones(num, bool), is_observed=np.full(num, is_observed),
+        num_found=np.asarray(num, np.int32),
+    )  # fmt: skip
+
+
+def _padded(corners: Corners) -> Corners:
+    """Rows padded to a bucket, so that matching compiles for few sizes."""
+    size = bucket_size(len(corners.position), 32)
+    rows = (pad_rows(np.asarray(getattr(corners, f)), size) for f in _FIELDS)
+    return Corners(*rows, num_found=corners.num_found)

@@ -1,0 +1,86 @@
+"""The paper's corners: sliding window, plane rejection, clustering (section III), nothing added."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..grid import VoxelGrid
+from ..planes.fit import Planes, fit_planes
+from ..planes.grow import segment_planes
+from ..planes.reject import reject_corners
+from ..planes.surface import Surface, find_surface
+from .classify import CORNER, classify_voxels
+from .cluster import cluster_corners
+from .observed import right_handed
+from .types import KIND_UNKNOWN, Corners
+
+
+class PaperStages(NamedTuple):
+    """What each step of section III gives, for tables and pictures.
+
+    Attributes:
+        initial: float32 (n, 3) [m]: initial feature points of the window.
+        planes: `Planes` fitted to the grown segments.
+        kept: float32 (m, 3) [m]: those within the threshold of their nearest three planes.
+        corners: One corner of each cluster.
+    """
+
+    initial: np.ndarray
+    planes: Planes
+    kept: np.ndarray
+    corners: Corners
+
+
+def paper_corners(
+    grid: VoxelGrid, *, size: int = 7, min_change: int = 20, max_angle: float = 15.0, max_curvature: float = 0.08,
+    min_segment: int = 30, plane_distance_tolerance: float = 1.0, cluster_radius: float = 3.0,
+) -> PaperStages:  # fmt: skip
+    """Extract corners as section III does.
+
+    Args:
+        grid: The map.
+        size: Window edge [voxel] (the paper: 7).
+        min_change: Significant change of the count [per cent].
+        max_angle: Smoothness threshold of the region growing [degree].
+        max_curvature: Curvature threshold of the region growing.
+        min_segment: Segments with fewer elements give no plane.
+        plane_distance_tolerance: The epsilon of equation (3) [voxel].
+        cluster_radius: Corners within this of a better one join its cluster [voxel].
+
+    Returns:
+        `PaperStages`; the position of a corner is that of a voxel, as in the paper.
+    """
+    voxel = grid.voxel_size
+    kinds = np.asarray(classify_voxels(np.asarray(grid.states) == 2, size=size, min_change=min_change))
+    initial = grid.world_from_index(np.argwhere(kinds == CORNER).astype(np.int32))
+    surface = find_surface(grid, size=size)
+    labels = segment_planes(
+        surface, max_angle=max_angle, max_curvature=max_curvature, min_elements=min_segment
+    )
+    planes, support = _fit(grid, surface, labels)
+    normal, offset = np.asarray(planes.normal), np.asarray(planes.offset)
+    keep, rows, worst = reject_corners(
+        initial, normal, offset, support, labels, max_distance=plane_distance_tolerance * voxel,
+        support_radius=0.5 * size * voxel,
+    )  # fmt: skip
+    kept, rows = initial[keep], rows[keep]
+    _, chosen = cluster_corners(kept, -worst[keep], radius=cluster_radius * voxel)
+    count = np.asarray(planes.num_voxels)[rows[chosen]].min(axis=1, initial=2**31 - 1)
+    order = np.argsort(-count, kind="stable")
+    chosen, count = chosen[order], count[order]
+    corners = Corners(
+        position=kept[chosen],
+        normals=right_handed(normal[rows[chosen]]).astype(np.float32),
+        weight=(np.sqrt(count.astype(np.float64)) * voxel).astype(np.float32),
+        convexity=np.full(len(chosen), KIND_UNKNOWN, np.uint8),
+        mask=np.ones(len(chosen), bool),
+        is_observed=np.ones(len(chosen), bool),
+        num_found=np.asarray(len(chosen), np.int32),
+    )
+    return PaperStages(initial, planes, kept, corners)
+
+
+def _fit(grid: VoxelGrid, surface: Surface, labels: np.ndarray) -> tuple[Planes, np.ndarray]:
+    """Planes of the segments, and the elements' places [m]."""
+    points = grid.world_from_index(surface.index)
+    return fit_planes(points, labels, normals=surface.normal), points

@@ -1,0 +1,107 @@
+"""Which faces meet at a point: samples of the map on the quarter planes around candidate corners.
+
+Three planes through a point cut space into eight octants, each bounded by three quarter planes ("patches"). Octant o
+has bit i set where it lies on the negative side of plane i. Seen from inside an octant, a patch is a face if it is
+occupied and the space just before it is free.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+from .._types import FREE, OCCUPIED, Array
+
+OCTANT_SIGNS = np.asarray([[1 - 2 * ((o >> i) & 1) for i in range(3)] for o in range(8)], np.int32)
+"""Side of each plane on which octant o lies, int32 (8, 3)."""
+
+_CHUNK = 64
+
+
+class CornerFaces(NamedTuple):
+    """Shares of samples around each candidate, float32.
+
+    Attributes:
+        seen: (m, 8, 3): of patch i of octant o, occupied with free space before it inside the octant.
+        occupied: (m, 8, 3): of patch i of octant o, occupied (the same for both octants that share the patch).
+        free: (m, 8): of octant o, free.
+    """
+
+    seen: Float32[Array, "m 8 3"]
+    occupied: Float32[Array, "m 8 3"]
+    free: Float32[Array, "m 8"]
+
+
+def edge_directions(normals: Float32[Array, "*m 3 3"]) -> Float32[Array, "*m 3 3"]:
+    """Unit vectors along the edges of three planes: row i lies in the two other planes, on the positive side of i."""
+    crosses = jnp.stack(
+        [jnp.cross(normals[..., (i + 1) % 3, :], normals[..., (i + 2) % 3, :]) for i in range(3)], axis=-2
+    )
+    side = jnp.sign(jnp.sum(crosses * normals, axis=-1, keepdims=True))
+    return side * crosses / jnp.maximum(jnp.linalg.norm(crosses, axis=-1, keepdims=True), 1e-9)
+
+
+@partial(jax.jit, static_argnames=("first", "last"))
+def corner_faces(
+    states: UInt8[Array, "x y z"],
+    position: Float32[Array, "m 3"],
+    normals: Float32[Array, "m 3 3"],
+    *,
+    first: float = 1.5,
+    last: float = 5.5,
+) -> CornerFaces:
+    """Sample the patches and octants around candidate corners.
+
+    A sample of a patch counts as occupied if a voxel within one voxel along the plane's normal is; space before it is
+    free if a voxel 1.5 or 2.5 voxels into the octant is.
+
+    Args:
+        states: 0 unknown, 1 free, 2 occupied; outside counts as unknown.
+        position: Candidates in voxel coordinates: the centre of voxel (i, j, k) is (i, j, k).
+        normals: Unit normals of the three planes, rows; not all in one plane.
+        first: Distance of the first samples from the edges [voxel]; samples follow every voxel ...
+        last: ... up to this distance.
+
+    Returns:
+        `CornerFaces`.
+    """
+    margin = int(np.ceil(3 * last)) + 4
+    shape = jnp.asarray(states.shape, jnp.int32)
+    strides = jnp.asarray([states.shape[1] * states.shape[2], states.shape[2], 1], jnp.int32)
+    flat = states.reshape(-1)
+    steps = jnp.arange(first, last + 0.5, 1.0, dtype=jnp.float32)
+    signs = jnp.asarray(OCTANT_SIGNS, jnp.float32)
+
+    def look_up(points: Array) -> Array:
+        # Far points are clipped first, so that whole numbers cannot overflow.
+        index = jnp.round(jnp.clip(points, -margin, 1e6)).astype(jnp.int32)
+        inside = jnp.all((index >= 0) & (index < shape), axis=-1)
+        linear = jnp.sum(jnp.where(inside[..., None], index, 0) * strides, axis=-1, dtype=jnp.int32)
+        return jnp.where(inside, flat[linear], jnp.uint8(0))
+
+    def one(candidate: tuple[Array, Array]) -> CornerFaces:
+        centre, n = candidate
+        edges = edge_directions(n)
+        seen, occupied = [], []
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            along_j = steps[None, :, None, None] * signs[:, None, None, j, None] * edges[j]
+            along_k = steps[None, None, :, None] * signs[:, None, None, k, None] * edges[k]
+            points = centre + along_j + along_k
+            inward = signs[:, None, None, i, None] * n[i]
+            hit = jnp.stack([look_up(points + t * inward) == OCCUPIED for t in (-1.0, 0.0, 1.0)]).any(axis=0)
+            open_ = jnp.stack([look_up(points + t * inward) == FREE for t in (1.5, 2.5)]).any(axis=0)
+            occupied.append(jnp.mean(hit, axis=(1, 2), dtype=jnp.float32))
+            seen.append(jnp.mean(hit & open_, axis=(1, 2), dtype=jnp.float32))
+        depth = jnp.asarray([1.5, 3.0], jnp.float32)
+        a, b, c = jnp.meshgrid(depth, depth, depth, indexing="ij")
+        inner = jnp.stack([a, b, c], axis=-1).reshape(1, 8, 3) * signs[:, None, :]
+        free = look_up(centre + inner @ edges) == FREE
+        return CornerFaces(
+            jnp.stack(seen, axis=-1), jnp.stack(occupied, axis=-1), jnp.mean(free, axis=1, dtype=jnp.float32)
+        )
+
+    return jax.lax.map(one, (position, normals), batch_size=_CHUNK)

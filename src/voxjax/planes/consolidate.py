@@ -1,0 +1,198 @@
+"""From grown regions to planes of real maps: split what is not flat, extend to the edges, merge what is one plane.
+
+Region growing over- and under-segments, as the paper says; maps of real sensors have holes, walls two or three
+voxels thick and noise. Each step here is one vectorised pass over all segments at the same time.
+"""
+
+import numpy as np
+from jaxtyping import Float, Int32
+from scipy.sparse import coo_matrix
+
+from .grow import grow_regions, keep_large
+from .segments import SegmentPlanes, plane_of_segments
+from .surface import Surface
+
+
+def split_segments(
+    surface: Surface, labels: Int32[np.ndarray, "n"], *, max_rms: float, distance: float, max_angle: float,
+    min_elements: int, num_rounds: int = 4,
+) -> Int32[np.ndarray, "n"]:  # fmt: skip
+    """Peel one plane off each segment that is not flat, and regrow the rest, `num_rounds` times.
+
+    Args:
+        surface: Surface elements.
+        labels: Segment of each element, -1 for none.
+        max_rms: Segments with a larger rms distance are split [voxel].
+        distance: Inliers of a peeled plane lie within this [voxel] ...
+        max_angle: ... and their normals within this [degree].
+        min_elements: Smaller pieces lose their label.
+        num_rounds: Number of planes that can be peeled off one segment.
+
+    Returns:
+        New labels; segments that are still not flat lose theirs.
+    """
+    points, is_edge = surface.index.astype(np.float64), None
+    for _ in range(num_rounds):
+        num = int(labels.max(initial=-1)) + 1
+        planes = plane_of_segments(points, surface.normal, labels, num)
+        is_bad = planes.rms > max_rms
+        if not is_bad.any():
+            return labels
+        in_bad = (labels >= 0) & is_bad[labels]
+        inlier = _peel(surface, points, labels, in_bad, num, distance, np.cos(np.radians(max_angle)))
+        rest = in_bad & ~inlier
+        if is_edge is None:
+            is_edge = _agree(surface) > np.cos(np.radians(max_angle))
+        i, j = surface.pairs[is_edge].T
+        within = rest[i] & rest[j] & (labels[i] == labels[j])
+        regrown = grow_regions(surface.pairs[is_edge][within], rest, surface.curvature)
+        labels = np.where(rest, np.where(regrown >= 0, regrown + num, -1), labels).astype(np.int32)
+        labels = keep_large(labels, min_elements)
+    planes = plane_of_segments(points, surface.normal, labels, int(labels.max(initial=-1)) + 1)
+    bad = (labels >= 0) & (planes.rms > max_rms)[labels] if len(planes.rms) else np.zeros(len(labels), bool)
+    return keep_large(np.where(bad, -1, labels).astype(np.int32), min_elements)
+
+
+def _peel(surface, points, labels, in_bad, num, distance, min_cosine):
+    """Inliers of one plane for each bad segment, started at its smallest curvature and refitted three times."""
+    rows = np.flatnonzero(in_bad)
+    rows = rows[np.argsort(surface.curvature[rows], kind="stable")]
+    ids, first = np.unique(labels[rows], return_index=True)
+    seed = np.zeros(num, np.int64)
+    seed[ids] = rows[first]
+    normal, centre = surface.normal[seed].astype(np.float64), points[seed]
+    inlier = np.zeros(len(labels), bool)
+    # Wider at first: the normal of a single element is biased by the lattice.
+    for factor in (1.5, 1.2, 1.0):
+        label = labels[rows]
+        offset = np.abs(np.einsum("ij,ij->i", points[rows] - centre[label], normal[label]))
+        cosine = np.einsum("ij,ij->i", surface.normal[rows], normal[label])
+        inlier[rows] = (offset < factor * distance) & (cosine > min_cosine - 0.1 * (factor - 1.0))
+        planes = plane_of_segments(points, surface.normal, np.where(inlier, labels, -1), num)
+        enough = planes.count >= 6
+        normal = np.where(enough[:, None], planes.normal, normal)
+        centre = np.where(enough[:, None], planes.centroid, centre)
+    return inlier
+
+
+def _agree(surface: Surface) -> np.ndarray:
+    """Cosine between the normals of each pair; absolute where a sign is unknown."""
+    i, j = surface.pairs.T
+    cosine = np.einsum("ij,ij->i", surface.normal[i], surface.normal[j])
+    return np.where(surface.is_signed[i] & surface.is_signed[j], cosine, np.abs(cosine))
+
+
+def extend_segments(
+    surface: Surface,
+    labels: Int32[np.ndarray, "n"],
+    *,
+    distance: float,
+    min_cosine: float = 0.3,
+    num_steps: int = 3,
+) -> Int32[np.ndarray, "n"]:
+    """Give unlabelled elements beside a segment its label where they lie on its plane; drop those that do not.
+
+    Args:
+        surface: Surface elements.
+        labels: Segment of each element, -1 for none.
+        distance: Largest distance from the plane [voxel].
+        min_cosine: Smallest cosine between an element's normal and the plane's; loose, because the normals beside an
+            edge lean toward the other face.
+        num_steps: Steps of one voxel.
+    """
+    points = surface.index.astype(np.float64)
+    num = int(labels.max(initial=-1)) + 1
+    if num == 0:
+        return labels
+    planes = plane_of_segments(points, surface.normal, labels, num)
+    fits = _fits(surface, points, planes, distance, min_cosine)
+    rows = np.flatnonzero(labels >= 0)
+    labels = labels.copy()
+    labels[rows[fits(rows, labels[rows]) > distance]] = -1
+    i, j = surface.pairs.T
+    for _ in range(num_steps):
+        element = np.concatenate([i, j])
+        label = np.concatenate([labels[j], labels[i]])
+        wanted = (labels[element] < 0) & (label >= 0)
+        element, label = element[wanted], label[wanted]
+        offset = fits(element, label)
+        good = offset <= distance
+        element, label, offset = element[good], label[good], offset[good]
+        order = np.lexsort((label, offset, element))
+        unique, first = np.unique(element[order], return_index=True)
+        labels[unique] = label[order][first]
+    return labels
+
+
+def _fits(surface: Surface, points: np.ndarray, planes: SegmentPlanes, distance: float, min_cosine: float):
+    """A function (rows, labels) -> distance from the plane, infinite where the normals disagree."""
+
+    def offset(rows: np.ndarray, label: np.ndarray) -> np.ndarray:
+        cosine = np.einsum("ij,ij->i", surface.normal[rows], planes.normal[label])
+        cosine = np.where(surface.is_signed[rows], cosine, np.abs(cosine))
+        return np.where(cosine > min_cosine, np.abs(planes.distance(points[rows], label)), np.inf)
+
+    return offset
+
+
+def merge_segments(
+    surface: Surface, labels: Int32[np.ndarray, "n"], *, max_rms: float, max_angle: float, gap: float
+) -> Int32[np.ndarray, "n"]:
+    """Join segments that lie on one plane and are near each other; each joins the largest that fits it.
+
+    Args:
+        surface: Surface elements.
+        labels: Segment of each element, -1 for none.
+        max_rms: Largest rms distance of the smaller segment from the larger one's plane [voxel].
+        max_angle: Largest angle between the mean normals [degree].
+        gap: Segments farther apart than about this stay apart [voxel].
+    """
+    points = surface.index.astype(np.float64)
+    num = int(labels.max(initial=-1)) + 1
+    if num < 2:
+        return labels
+    planes = plane_of_segments(points, surface.normal, labels, num)
+    small, large = near_segments(points, labels, num, gap)
+    bigger = (planes.count[large] > planes.count[small]) | (
+        (planes.count[large] == planes.count[small]) & (large < small)
+    )
+    small, large = small[bigger], large[bigger]
+    n = planes.normal[large]
+    offset = np.einsum("ij,ij->i", planes.centroid[small] - planes.centroid[large], n)
+    rms = np.sqrt(np.einsum("ij,ijk,ik->i", n, planes.covariance[small], n) + offset**2)
+    cosine = np.einsum("ij,ij->i", planes.normal[small], n)
+    # The normal of a small segment says little: its elements' distances say more.
+    size_limit = np.where(planes.count[small] < 60, 2.0 * max_angle, max_angle)
+    fits = (rms < max_rms) & (cosine > np.cos(np.radians(size_limit)))
+    small, large, rms = small[fits], large[fits], rms[fits]
+    order = np.lexsort((large, -planes.count[large], small))
+    unique, first = np.unique(small[order], return_index=True)
+    target = np.arange(num)
+    target[unique] = large[order][first]
+    # Only into segments that stay, so that errors do not add up along chains.
+    is_root = target == np.arange(num)
+    target = np.where(is_root[target], target, np.arange(num))
+    merged = np.where(labels >= 0, target[labels], -1).astype(np.int32)
+    return keep_large(merged, 1)
+
+
+def near_segments(
+    points: Float[np.ndarray, "n 3"], labels: Int32[np.ndarray, "n"], num: int, gap: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Ordered pairs of different segments that come within about `gap` of each other, by blocks of that edge."""
+    used = labels >= 0
+    block = np.floor(points[used] / gap).astype(np.int64)
+    block -= block.min(axis=0, initial=0) - 1
+    shape = block.max(axis=0, initial=0) + 2
+    strides = np.asarray([shape[1] * shape[2], shape[2], 1])
+    key = np.unique(labels[used].astype(np.int64) * int(np.prod(shape)) + block @ strides)
+    label, block_id = np.divmod(key, int(np.prod(shape)))
+    steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3) @ strides
+    spread = (block_id[:, None] + steps[None, :]).ravel()
+    ids, compact = np.unique(np.concatenate([block_id, spread]), return_inverse=True)
+    own = coo_matrix((np.ones(len(label), np.int32), (label, compact[: len(label)])), shape=(num, len(ids)))
+    wide = coo_matrix(
+        (np.ones(len(spread), np.int32), (np.repeat(label, 27), compact[len(label) :])), shape=(num, len(ids))
+    )
+    a, b = (wide.tocsr() @ own.tocsr().T).nonzero()
+    return a[a != b], b[a != b]

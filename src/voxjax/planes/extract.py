@@ -1,0 +1,93 @@
+"""`extract_planes`: the planes of a map and the surface elements that support them, in one call."""
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float32, Int32
+
+from ..grid import VoxelGrid
+from .consolidate import extend_segments, merge_segments, split_segments
+from .fit import Planes, fit_planes
+from .grow import keep_large, segment_planes
+from .surface import Surface, find_surface
+
+
+class PlaneMap(eqx.Module):
+    """The planes of a map with their support.
+
+    Attributes:
+        planes: `Planes` in the map's frame [m], largest first; both faces of a wall are planes of their own.
+        points: float32 (n, 3) [m]: voxel centres of the surface elements.
+        normals: float32 (n, 3): normals of the elements, into free space.
+        labels: int32 (n,): row of `planes` that each element lies on, -1 for none.
+        voxel_size: [m].
+    """
+
+    planes: Planes
+    points: Float32[np.ndarray, "n 3"]
+    normals: Float32[np.ndarray, "n 3"]
+    labels: Int32[np.ndarray, "n"]
+    voxel_size: float = eqx.field(static=True)
+
+
+def extract_planes(
+    grid: VoxelGrid, *, max_angle: float = 15.0, max_curvature: float = 0.08, tolerance: float = 1.2,
+    max_rms: float = 0.7, merge_angle: float = 6.0, gap: float = 10.0, min_voxels: int = 30, max_planes: int = 512,
+) -> PlaneMap:  # fmt: skip
+    """Find the planes of a map: grow, split, merge and extend, fit.
+
+    Region growing (section III) gives cores; pieces that are not flat are split, pieces of one plane are merged, and
+    planes take in the elements that lie on them up to the edges, so that each plane is fitted over a whole face.
+
+    Args:
+        grid: The map.
+        max_angle: Smoothness threshold of the growth [degree].
+        max_curvature: Curvature threshold of the growth; a second pass with twice the value takes up thick walls.
+        tolerance: Elements of a plane lie within this of it [voxel].
+        max_rms: A segment with a larger rms distance is not a plane [voxel].
+        merge_angle: Largest angle between planes that are merged [degree].
+        gap: Pieces of one plane farther apart than about this stay apart [voxel].
+        min_voxels: Smallest plane.
+        max_planes: At most so many planes, the largest.
+
+    Returns:
+        `PlaneMap`; without any plane where the map has none.
+    """
+    surface = find_surface(grid)
+    labels = _cores(surface, max_angle, max_curvature, tolerance, max_rms)
+    for _ in range(3):
+        labels = merge_segments(surface, labels, max_rms=max_rms + 0.1, max_angle=merge_angle, gap=gap)
+        labels = extend_segments(surface, labels, distance=tolerance)
+    labels = _largest_first(keep_large(labels, min_voxels), max_planes)
+    size = grid.voxel_size
+    points = grid.world_from_index(surface.index)
+    planes = fit_planes(points, labels, normals=surface.normal, huber_scale=0.7 * size)
+    return PlaneMap(planes=planes, points=points, normals=surface.normal, labels=labels, voxel_size=size)
+
+
+def _cores(
+    surface: Surface, max_angle: float, max_curvature: float, tolerance: float, max_rms: float
+) -> np.ndarray:
+    """Flat segments to start from: of low curvature, then of what is left with twice the bounds."""
+    split = {"max_rms": max_rms, "distance": tolerance, "max_angle": 20.0, "min_elements": 12}
+    labels = segment_planes(surface, max_angle=max_angle, max_curvature=max_curvature, min_elements=12)
+    labels = extend_segments(surface, split_segments(surface, labels, **split), distance=tolerance)
+    is_left = labels < 0
+    i, j = surface.pairs.T
+    rest = eqx.tree_at(
+        lambda s: (s.pairs, s.curvature), surface,
+        (surface.pairs[is_left[i] & is_left[j]], np.where(is_left, surface.curvature, np.float32(1.0))),
+    )  # fmt: skip
+    more = segment_planes(rest, max_angle=1.5 * max_angle, max_curvature=2.0 * max_curvature, min_elements=40)
+    more = split_segments(surface, more, **{**split, "min_elements": 40})
+    return np.where(is_left & (more >= 0), more + labels.max(initial=-1) + 1, labels).astype(np.int32)
+
+
+def _largest_first(labels: np.ndarray, max_planes: int) -> np.ndarray:
+    """Renumber the labels by falling size; those from `max_planes` on become -1."""
+    if labels.max(initial=-1) < 0:
+        return labels
+    order = np.argsort(-np.bincount(labels[labels >= 0]), kind="stable")
+    rank = np.empty(len(order), np.int32)
+    rank[order] = np.arange(len(order), dtype=np.int32)
+    rank[rank >= max_planes] = -1
+    return np.where(labels >= 0, rank[labels], -1).astype(np.int32)

@@ -1,0 +1,87 @@
+"""The surface of a map as a list of elements: one for each side of an occupied voxel that faces free space."""
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Bool, Float32, Int32
+
+from .._buckets import bucket_size, pad_rows
+from ..grid import VoxelGrid
+from ..ops.moments import surface_moments
+from .neighbours import neighbour_pairs
+
+
+class Surface(eqx.Module):
+    """Surface elements of a map, in voxel coordinates (the centre of voxel (i, j, k) is (i, j, k)).
+
+    A wall one voxel thick that was seen from both sides has two elements a voxel, with opposite normals.
+
+    Attributes:
+        index: int32 (n, 3): the voxel of each element.
+        normal: float32 (n, 3): unit normals, into free space where `is_signed`.
+        curvature: float32 (n,): 0 on a plane, up to 1/3.
+        is_signed: bool (n,): whether free space was seen beside the element.
+        pairs: int32 (m, 2): elements of touching voxels whose normals do not oppose each other.
+    """
+
+    index: Int32[np.ndarray, "n 3"]
+    normal: Float32[np.ndarray, "n 3"]
+    curvature: Float32[np.ndarray, "n"]
+    is_signed: Bool[np.ndarray, "n"]
+    pairs: Int32[np.ndarray, "m 2"]
+
+
+def find_surface(grid: VoxelGrid, *, size: int = 7, reach: int = 3, min_neighbours: int = 6) -> Surface:
+    """List the surface elements of a map.
+
+    Args:
+        grid: The map.
+        size: Diameter of the window for normals and curvature [voxel].
+        reach: How far from a voxel free space may begin [voxel]; walls thicker than twice this keep a core without
+            elements.
+        min_neighbours: Voxels with fewer occupied voxels in the window (scan noise) get no element.
+
+    Returns:
+        `Surface`. In a map without free space every voxel has one element, not signed.
+    """
+    index = grid.occupied_index()
+    padded = pad_rows(index, bucket_size(len(index), 1024))
+    moments = [
+        np.asarray(a)[: len(index)]
+        for a in surface_moments(np.asarray(grid.states), padded, size=size, reach=reach)
+    ]
+    normal, curvature, num_occupied, has_free, distance = moments
+    forward, backward = distance.T.astype(np.int32)
+    is_solid = num_occupied >= min_neighbours
+    # A voxel belongs to the side that is nearer to free space; to both where they are equally near.
+    is_front = is_solid & (forward <= reach) & (forward <= backward)
+    is_back = is_solid & (backward <= reach) & (backward <= forward)
+    is_unseen = is_solid & ~is_front & ~is_back
+    is_signed_by_mean = is_unseen & has_free
+    node = np.full((len(index), 2), -1, np.int64)
+    front = is_front | is_unseen
+    node[front, 0] = np.arange(np.count_nonzero(front))
+    node[is_back, 1] = np.count_nonzero(front) + np.arange(np.count_nonzero(is_back))
+    pairs = _element_pairs(neighbour_pairs(index), node, normal, ~(is_unseen & ~has_free))
+    return Surface(
+        index=np.concatenate([index[front], index[is_back]]),
+        normal=np.concatenate([normal[front], -normal[is_back]]),
+        curvature=np.concatenate([curvature[front], curvature[is_back]]),
+        is_signed=np.concatenate([(is_front | is_signed_by_mean)[front], is_back[is_back]]),
+        pairs=pairs,
+    )
+
+
+def _element_pairs(
+    pairs: np.ndarray, node: np.ndarray, normal: np.ndarray, is_signed: np.ndarray
+) -> np.ndarray:
+    """Pairs of elements of touching voxels that lie on the same side of the surface."""
+    i, j = pairs.T
+    cosine = np.einsum("ij,ij->i", normal[i], normal[j])
+    both_signed = is_signed[i] & is_signed[j]
+    found = []
+    for side_i in (0, 1):
+        for side_j in (0, 1):
+            agreement = cosine if side_i == side_j else -cosine
+            joined = (node[i, side_i] >= 0) & (node[j, side_j] >= 0) & (~both_signed | (agreement > 0.0))
+            found.append(np.stack([node[i[joined], side_i], node[j[joined], side_j]], axis=1))
+    return np.concatenate(found).astype(np.int32)
