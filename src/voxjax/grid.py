@@ -1,7 +1,7 @@
 """`VoxelGrid`: states of voxels and where they lie.
 
-Axis order is x, y, z everywhere. Voxel (i, j, k) fills `origin + voxel_size * [i, i + 1)` along each axis and its
-centre lies half a voxel further. States live on the host until a kernel takes them.
+Axis order is x, y, z everywhere. Voxel (i, j, k) fills `origin + voxel_size * [i, i + 1)` along each axis
+and its centre lies half a voxel further. States live on the host until a kernel takes them.
 """
 
 from __future__ import annotations
@@ -42,8 +42,12 @@ class VoxelGrid(eqx.Module):
         self.voxel_size = check_positive("voxel_size", voxel_size, "m")
         if self.states.ndim != 3:
             raise InputError(f"states must have three axes (x, y, z), got shape {self.states.shape}.")
+        if isinstance(self.states, np.ndarray) and self.states.size and self.states.max() > OCCUPIED:
+            raise InputError(f"states must be 0 unknown, 1 free or 2 occupied, got {self.states.max()}.")
         if self.origin.shape != (3,):
             raise InputError(f"origin must have shape (3,), got {self.origin.shape}.")
+        if isinstance(self.origin, np.ndarray) and not np.isfinite(self.origin).all():
+            raise InputError(f"origin must be finite numbers [m], got {self.origin.tolist()}.")
         if self.log_odds is not None and self.log_odds.shape != self.states.shape:
             raise InputError(
                 f"log_odds must have the shape of states {self.states.shape}, got {self.log_odds.shape}."
@@ -63,12 +67,13 @@ class VoxelGrid(eqx.Module):
         Args:
             points: (n, 3) [m].
             voxel_size: Edge length of a voxel [m].
-            sensor_origins: None (all other voxels stay unknown), (3,) for a single scan or (n, 3), one a point [m];
-                with origins, the voxels that the rays cross are free.
+            sensor_origins: None (all other voxels stay unknown), (3,) for a single scan or (n, 3), one a
+                point [m]; with origins, the voxels that the rays cross are free.
             max_range: Rays longer than this [m] free space up to it and occupy nothing.
 
         Raises:
-            InputError: If the cloud is not (n, 3) finite numbers, or would need an impossible number of voxels.
+            InputError: If the cloud is not (n, 3) finite numbers, or would need an impossible number of
+                voxels.
         """
         from .ops.raycast import grid_from_points
 
@@ -120,7 +125,7 @@ class VoxelGrid(eqx.Module):
         return np.floor(offset).astype(np.int32)
 
     def crop_to_known(self, margin: int = 0) -> VoxelGrid:
-        """Cut to the bounding box of the free and occupied voxels, plus `margin` voxels where the grid has them.
+        """Cut to the bounding box of the free and occupied voxels, and `margin` voxels where the grid has them.
 
         A grid with nothing known becomes one unknown voxel at the same origin.
         """
@@ -141,8 +146,10 @@ class VoxelGrid(eqx.Module):
     def with_voxel_size(self, voxel_size: float) -> VoxelGrid:
         """The same map at another resolution, on the lattice of multiples of `voxel_size`.
 
-        Coarser: a voxel is occupied if any of its parts is, else free if any part is free. Finer: voxels are split.
-        The ratio may be any number: each fine voxel goes where its centre lies.
+        Coarser: a voxel is occupied if any of its parts is, else free if any part is free, and has the
+            highest
+        of their log-odds. Finer: voxels are split. The ratio may be any number: each fine voxel goes where
+        its centre lies.
         """
         from .ops.rescale import rescale_states
 
@@ -158,7 +165,9 @@ class VoxelGrid(eqx.Module):
     def transformed(self, T: object) -> VoxelGrid:
         """The map moved by the rigid transform `T` (4, 4) and resampled on a lattice of the same voxel size.
 
-        Backward lookup of the nearest voxel, so that surfaces get no holes.
+        Backward lookup of the nearest voxel, so that surfaces get no holes. The origin of the result is a
+        whole multiple of the voxel size; under the 24 rotations of the cube the whole grid is kept, under
+        others the box around what is known.
         """
         from .ops.resample import resample_rigid
 

@@ -23,17 +23,17 @@ def fuse(
 ) -> VoxelGrid:
     """Fuse maps into one, in the frame that the poses map into.
 
-    The result lies on the lattice of whole multiples of the voxel size, so it can be written as an OctoMap file; a
-    map that lies on that lattice and has the identity as its pose is copied voxel for voxel. Other maps are looked up
-    backward, nearest voxel, so that surfaces get no holes.
+    The result lies on the lattice of whole multiples of the voxel size, so it can be written as an OctoMap
+    file; a map that lies on that lattice and has the identity as its pose is copied voxel for voxel. Other
+    maps are looked up backward, nearest voxel, so that surfaces get no holes.
 
     Args:
         grids: One or more maps.
         poses: For each map the (4, 4) rigid transform of its points into the common frame, `T_world_map`.
-        rule: "paper" (IV.D), "keep" (what any map knows), "log_odds" (sum of evidence), see `fusion.rules`; None is
-            "log_odds" if every map has log-odds, else "keep".
-        voxel_size: Of the result [m]. None is the finest of the maps': no detail is lost, and the result does not depend
-            on their order. Maps finer than it are coarsened first, occupied parts winning.
+        rule: "paper" (IV.D), "keep" (what any map knows), "log_odds" (sum of evidence), see `fusion.rules`;
+            None is "log_odds" if every map has log-odds, else "keep".
+        voxel_size: Of the result [m]. None is the finest of the maps': no detail is lost, and the result
+            does not depend on their order. Maps finer than it are coarsened first, occupied parts winning.
 
     Returns:
         The fused map; with log-odds under the rule "log_odds" only, the others are about states.
@@ -63,7 +63,7 @@ def fuse(
         shape, "the fused map", "check the poses, leave out far maps, or give a larger voxel_size"
     )
     sources = [
-        _Source.of(grid, T, low, voxel_size, bound)
+        _source(grid, T, voxel_size, low, bound[0][0], bound[1][0])
         for grid, T, bound in zip(grids, matrices, bounds, strict=True)
         if (bound[1] > bound[0]).all()
     ]
@@ -80,29 +80,21 @@ class _Source(NamedTuple):
     affine: np.ndarray
     x_range: tuple[int, int]
 
-    @classmethod
-    def of(
-        cls,
-        grid: VoxelGrid,
-        T: np.ndarray,
-        low: np.ndarray,
-        voxel_size: float,
-        bound: tuple[np.ndarray, np.ndarray],
-    ) -> "_Source":
-        origin = np.asarray(grid.origin)
-        return cls(
-            flat_source(np.asarray(grid.states)),
-            None if grid.log_odds is None else flat_source(np.asarray(grid.log_odds)),
-            np.asarray(grid.shape, np.int32),
-            source_from_target(T, origin, grid.voxel_size, low, voxel_size),
-            (int(bound[0][0] - low[0]), int(bound[1][0] - low[0])),
-        )
+
+def _source(
+    grid: VoxelGrid, T: np.ndarray, voxel_size: float, low: np.ndarray, own_low: int, own_high: int
+) -> _Source:
+    log_odds = None if grid.log_odds is None else flat_source(np.asarray(grid.log_odds))
+    affine = source_from_target(T, np.asarray(grid.origin), grid.voxel_size, low, voxel_size)
+    x_range = int(own_low - low[0]), int(own_high - low[0])
+    shape = np.asarray(grid.shape, np.int32)
+    return _Source(flat_source(np.asarray(grid.states)), log_odds, shape, affine, x_range)
 
 
 def _fuse_chunks(
     sources: list[_Source], shape: np.ndarray, rule: str
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """Run through the fused grid in runs of flat indices, so that memory does not grow with the number of maps."""
+    """Fill the fused grid in runs of flat indices, so that memory hardly grows with the number of maps."""
     num_voxels = int(np.prod(shape))
     fused = np.zeros(num_voxels, np.uint8)
     fused_odds = np.zeros(num_voxels, np.float32) if rule == "log_odds" else None
@@ -110,7 +102,8 @@ def _fuse_chunks(
     target_shape = shape.astype(np.int32)
     for start in range(0, num_voxels, size):
         stop = min(start + size, num_voxels)
-        # The paper's rule asks which maps' boxes reach a voxel, and boxes reach farther than what is known in them.
+        # The paper's rule asks which maps' boxes reach a voxel, and boxes reach farther than what is known
+        # in them.
         near = [
             source
             for source in sources

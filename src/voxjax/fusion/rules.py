@@ -1,7 +1,8 @@
 """What a voxel becomes when several maps see it: pure functions over stacked maps, the first axis.
 
-All rules are commutative. "paper" and "keep" are associative and idempotent too, so fusing N maps at once equals fusing
-them one after another. The log-odds rule adds evidence: a map fused with itself becomes surer, on purpose.
+All rules are commutative. "paper" and "keep" are idempotent and associative too (a fused map covers what its
+parts cover), so fusing N maps at once equals fusing them one after another. The log-odds rule adds evidence:
+a map fused with itself becomes surer, on purpose.
 """
 
 import jax
@@ -13,8 +14,8 @@ from ..io.octomap import LOG_ODDS_FREE, LOG_ODDS_OCCUPIED
 
 RULES = ("paper", "keep", "log_odds")
 
-# One observation, as OctoMap counts it: probabilities 0.7 and 0.4. For maps that come without log-odds, whose certainty
-# is not known.
+# One observation, as OctoMap counts it: probabilities 0.7 and 0.4. For maps that come without log-odds,
+# whose certainty is not known.
 LOG_ODDS_HIT = 0.85
 LOG_ODDS_MISS = -0.4
 
@@ -25,10 +26,11 @@ def fuse_paper(
 ) -> UInt8[Array, "*voxels"]:
     """The fusion rule of the paper (IV.D).
 
-    In the overlapping area a voxel is occupied if it is occupied in any map, free if it is free in every map, and
-    otherwise unknown. The overlapping area is the volume that the maps' boxes share, not the voxels that both know: among
-    those "otherwise" could never happen. What one map left unknown therefore becomes unknown unless the other saw it
-    occupied. Where only one map reaches, the paper is silent and that map's state is kept.
+    In the overlapping area a voxel is occupied if it is occupied in any map, free if it is free in every
+    map, and otherwise unknown. The overlapping area is the volume that the maps' boxes share, not the
+    voxels that both know: among those "otherwise" could never happen. What one map left unknown therefore
+    becomes unknown unless the other saw it occupied. Where only one map reaches, the paper is silent and
+    that map's state is kept.
 
     Args:
         states: 0 unknown, 1 free, 2 occupied.
@@ -82,6 +84,6 @@ def fuse_log_odds(
 
 @jax.jit
 def log_odds_of_states(states: UInt8[Array, "*voxels"]) -> Float32[Array, "*voxels"]:
-    """Log-odds of one observation for each voxel of a map without probabilities: 0.85 occupied, -0.4 free, 0 unknown."""
+    """Log-odds of one observation, for maps without probabilities: 0.85 occupied, -0.4 free, 0 unknown."""
     values = jnp.asarray([0.0, LOG_ODDS_MISS, LOG_ODDS_HIT], jnp.float32)
     return values[states.astype(jnp.int32)]

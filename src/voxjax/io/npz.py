@@ -2,6 +2,7 @@
 
 import io
 import math
+import struct
 import zipfile
 import zlib
 
@@ -19,6 +20,11 @@ _DTYPES = {
     "voxel_size": np.dtype("<f8"),
     "log_odds": np.dtype("<f4"),
 }
+# All that zipfile, zlib and numpy were seen to raise on damaged bytes.
+_DAMAGE = (
+    zipfile.BadZipFile, zlib.error, struct.error, EOFError, KeyError, ValueError, OverflowError, OSError,
+    RuntimeError, SyntaxError, TypeError,
+)  # fmt: skip
 
 
 def encode_npz(grid: VoxelGrid) -> bytes:
@@ -48,8 +54,8 @@ def decode_npz(data: bytes, *, max_voxels: int = MAX_VOXELS) -> VoxelGrid:
     """Read the bytes of a `.npz` file written by `encode_npz`.
 
     Raises:
-        InputError: If the file is damaged, no voxjax map, of a newer version, has wrong shapes, types or values, or
-            more than `max_voxels` voxels.
+        InputError: If the file is damaged, no voxjax map, of a newer version, has wrong shapes, types or
+            values, or more than `max_voxels` voxels.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -64,8 +70,10 @@ def decode_npz(data: bytes, *, max_voxels: int = MAX_VOXELS) -> VoxelGrid:
             origin = _read_array(archive, "origin", 1, 3)
             voxel_size = float(_read_array(archive, "voxel_size", 0, 1))
             log_odds = _read_array(archive, "log_odds", 3, max_voxels) if "log_odds" in names else None
-    except (zipfile.BadZipFile, zlib.error, EOFError, KeyError, NotImplementedError, RuntimeError) as error:
-        raise InputError(f"the archive is damaged ({error})") from error
+    except InputError:
+        raise
+    except _DAMAGE as error:
+        raise InputError(f"the archive is damaged ({_first_line(error)})") from error
     if states.size and states.max() > 2:
         raise InputError(f"states must be 0 unknown, 1 free or 2 occupied, got {states.max()}")
     if not np.isfinite(origin).all():
@@ -86,8 +94,8 @@ def _read_array(archive: zipfile.ZipFile, name: str, num_axes: int, most: int) -
                 else np.lib.format.read_array_header_2_0
             )
             shape, is_fortran, dtype = read_header(file)
-        except ValueError as error:
-            raise InputError(f"the array {name!r} has no valid header ({error})") from error
+        except (ValueError, SyntaxError, TypeError) as error:
+            raise InputError(f"the array {name!r} has no valid header ({_first_line(error)})") from error
         if dtype != _DTYPES[name] or len(shape) != num_axes:
             raise InputError(
                 f"the array {name!r} must have type {_DTYPES[name]} and {num_axes} axes, "
@@ -105,3 +113,7 @@ def _read_array(archive: zipfile.ZipFile, name: str, num_axes: int, most: int) -
             raise InputError(f"the array {name!r} is not as long as its shape says")
     values = np.frombuffer(b"".join(pieces), dtype)
     return values.reshape(shape, order="F" if is_fortran else "C").copy(order="C")
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0].removesuffix(".")

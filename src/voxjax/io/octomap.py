@@ -1,7 +1,8 @@
 """OctoMap files, `.bt` (occupied or free) and `.ot` (log-odds), without OctoMap.
 
-OctoMap's voxel k fills `[k - 32768, k - 32767) * resolution` along an axis, so the origin of a grid (the outer
-corner of its lowest voxel) is a whole multiple of the voxel size; other grids must be resampled first.
+OctoMap's voxel k fills `[k - 32768, k - 32767) * resolution` along an axis, so the origin of a grid (the
+outer corner of its lowest voxel) is a whole multiple of the voxel size; other grids must be resampled
+first.
 """
 
 import math
@@ -44,7 +45,8 @@ _FULL_NODES = {
     "OcTreeStamped": _PLAIN_NODE,
     "ColorOcTree": _COLOR_NODE,
 }
-# An origin this far off the lattice [voxels] is rounding: float32 is good to 0.002 at OctoMap's farthest voxel.
+# An origin this far off the lattice [voxels] is rounding: float32 is good to 0.002 at OctoMap's farthest
+# voxel.
 _LATTICE_TOLERANCE = 0.01
 
 
@@ -84,8 +86,8 @@ def decode_ot(data: bytes, *, max_voxels: int = MAX_VOXELS) -> VoxelGrid:
     """Read the bytes of an `.ot` file; log-odds are kept, and a voxel is occupied where they are 0 or more.
 
     Raises:
-        InputError: If the bytes are no whole OctoMap file of OcTree or ColorOcTree nodes, hold log-odds that are
-            not finite, or expand to more than `max_voxels`.
+        InputError: If the bytes are no whole OctoMap file of OcTree or ColorOcTree nodes, hold log-odds
+            that are not finite, or expand to more than `max_voxels`.
     """
     if not data.startswith(_FULL_LINE):
         raise InputError(f"the first line must be {_FULL_LINE.decode()!r}")
@@ -240,8 +242,8 @@ def _checked_log_odds(states: np.ndarray, log_odds: np.ndarray) -> np.ndarray:
     contradicts = is_known & ((states == OCCUPIED) != (log_odds >= 0))
     if contradicts.any():
         raise InputError(
-            f"log_odds of {np.count_nonzero(contradicts):,} voxels contradict their states (occupied means 0 or "
-            "more), and .ot keeps only log-odds; drop log_odds or make them agree"
+            f"log_odds of {np.count_nonzero(contradicts):,} voxels contradict their states (occupied means 0 "
+            "or more), and .ot keeps only log-odds; drop log_odds or make them agree"
         )
     return log_odds
 

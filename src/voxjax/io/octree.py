@@ -1,7 +1,8 @@
 """The octree inside OctoMap files: pre-order records to leaves, and dense voxels to pruned records.
 
-An OctoMap tree is 16 levels deep; a voxel has a key of three numbers in 0..65535, and child c of a node lies in
-the upper half along x, y, z where bit 0, 1, 2 of c is set. All work is vectorised, one pass a tree level.
+An OctoMap tree is 16 levels deep; a voxel has a key of three numbers in 0..65535, and child c of a node
+lies in the upper half along x, y, z where bit 0, 1, 2 of c is set. All work is vectorised, one pass a tree
+level.
 """
 
 from typing import NamedTuple
@@ -142,8 +143,8 @@ class TreeLevel(NamedTuple):
 def prune(states: np.ndarray, value: np.ndarray | None, low: np.ndarray) -> list[TreeLevel]:
     """The pruned tree of a dense box of voxels, from the root (level 0) to the voxels (level 16).
 
-    Eight equal leaves become one. Levels below the root are padded to even bounds, so that the children of node
-    n of a level lie at `2 n - low` to `2 n - low + 1` of the next.
+    Eight equal leaves become one. Levels below the root are padded to even bounds, so that the children of
+    node n of a level lie at `2 n - low` to `2 n - low + 1` of the next.
     """
     levels = [TreeLevel(np.asarray(low, np.int64), states, value)]
     for _ in range(DEPTH):
@@ -158,10 +159,10 @@ def prune(states: np.ndarray, value: np.ndarray | None, low: np.ndarray) -> list
         value = None
         if child.value is not None:
             values = [child.value[i::2, j::2, k::2] for i, j, k in CHILD_OFFSETS]
-            value = np.full(is_leaf.shape, -np.inf, np.float32)
-            for code_view, value_view in zip(views, values, strict=True):
-                is_leaf &= value_view == values[0]
-                np.maximum(value, np.where(code_view != 0, value_view, np.float32(-np.inf)), out=value)
+            for other in values[1:]:
+                is_leaf &= other == values[0]
+            lowest = np.float32(-np.inf)
+            value = np.max([np.where(c != 0, v, lowest) for c, v in zip(views, values, strict=True)], axis=0)
         code = np.where(is_leaf, views[0], np.where(is_known, np.uint8(INNER), np.uint8(0)))
         levels.append(TreeLevel(child.low // 2, code, value))
     return levels[::-1]

@@ -34,9 +34,8 @@ def check_num_voxels(shape: Int[np.ndarray, "3"], what: str, advice: str, most: 
     """
     sides = [int(side) for side in shape]
     if sides[0] * sides[1] * sides[2] > most:
-        raise InputError(
-            f"{what} would have {' x '.join(f'{side:,}' for side in sides)} voxels, more than {most:,}; {advice}."
-        )
+        size = " x ".join(f"{side:,}" for side in sides)
+        raise InputError(f"{what} would have {size} voxels, more than {most:,}; {advice}.")
 
 
 def moved_bounds(
@@ -48,8 +47,9 @@ def moved_bounds(
 ) -> tuple[Int[np.ndarray, "3"], Int[np.ndarray, "3"]]:
     """Cells of the target lattice whose centres the moved grid can fill.
 
-    Under a rotation of the cube this is the whole moved grid, so that nothing is cut; under any other rotation it
-    is the box around the moved known voxels, which is much smaller than the box around the moved grid.
+    Under a rotation of the cube this is the whole moved grid, so that nothing is cut; under any other
+    rotation it is the box around the moved known voxels, which is much smaller than the box around the
+    moved grid.
 
     Args:
         states: uint8 (x, y, z).
@@ -80,12 +80,12 @@ def moved_bounds(
 
 
 def _outermost_known(states: np.ndarray) -> Int[np.ndarray, "n 3"]:
-    """Lowest and highest known voxel of each column along z: their convex hull is that of all known voxels."""
+    """Lowest and highest known voxel of each column along z; they have the convex hull of all."""
     is_known = states != 0
-    columns = np.argwhere(is_known.any(axis=2)) if all(states.shape) else np.zeros((0, 2), np.int64)
-    z_low = is_known.argmax(axis=2)[tuple(columns.T)] if len(columns) else np.zeros(0, np.int64)
-    z_high = (
-        states.shape[2] - 1 - is_known[:, :, ::-1].argmax(axis=2)[tuple(columns.T)] if len(columns) else z_low
-    )
+    if not is_known.any():
+        return np.zeros((0, 3), np.int64)
+    columns = np.argwhere(is_known.any(axis=2))
+    z_low = is_known.argmax(axis=2)[tuple(columns.T)]
+    z_high = states.shape[2] - 1 - is_known[:, :, ::-1].argmax(axis=2)[tuple(columns.T)]
     ends = [np.concatenate([columns, z[:, None]], axis=1) for z in (z_low, z_high)]
     return np.concatenate(ends, axis=0)

@@ -1,8 +1,8 @@
 """Rigid resampling of grids by backward lookup: each target voxel asks where its centre came from.
 
-Forward moves would leave holes; backward lookup cannot. `resample_nearest` and `resample_trilinear` are whole-grid
-kernels for use under jit, vmap and grad; `lookup_chunk` serves host code, in pieces of one shape, so that maps of any
-size share a few compiled programs and memory stays bounded.
+Forward moves would leave holes; backward lookup cannot. `resample_nearest` and `resample_trilinear` are
+whole-grid kernels for use under jit, vmap and grad; `lookup_chunk` serves host code, in pieces of one
+shape, so that maps of any size share a few compiled programs and memory stays bounded.
 """
 
 import functools
@@ -16,6 +16,8 @@ from .._buckets import bucket_size
 from .._types import Array
 from .lattice import check_num_voxels, moved_bounds, origin_in_voxels, origin_of_cell
 
+# Centres on the border of two source voxels go to the upper one, whichever way float32 rounded [voxel].
+_TIE = 1e-3
 _SMALLEST_SOURCE = 1 << 15
 _SMALLEST_CHUNK = 1 << 15
 _LARGEST_CHUNK = 1 << 20
@@ -30,8 +32,8 @@ def source_from_target(
 ) -> Float32[np.ndarray, "3 4"]:
     """Affine map from coordinates of target voxels to those of source voxels, for a source moved by `T`.
 
-    Both count voxels from the outer corner of their grid. Computed in float64, because origins may be far away, and
-    small numbers by the time they are rounded to float32.
+    Both count voxels from the outer corner of their grid. Computed in float64, because origins may be far
+    away, and small numbers by the time they are rounded to float32.
     """
     matrix = np.asarray(T, np.float64)
     inverse = matrix[:3, :3].T
@@ -59,7 +61,7 @@ def resample_nearest(
         Same dtype as `values`.
     """
     coordinates = _centres(source_from_target, target_shape)
-    index = jnp.floor(coordinates).astype(jnp.int32)
+    index = jnp.floor(coordinates + jnp.asarray(_TIE, coordinates.dtype)).astype(jnp.int32)
     is_inside = _is_inside(index, jnp.asarray(values.shape, jnp.int32))
     x, y, z = (jnp.clip(index[..., a], 0, values.shape[a] - 1) for a in range(3))
     return jnp.where(is_inside, jnp.asarray(values)[x, y, z], jnp.zeros((), values.dtype))
@@ -126,9 +128,10 @@ def lookup_chunk(
     centre = [axis.astype(jnp.float32) + jnp.float32(0.5) for axis in (x, y, z)]
     m = source_from_target
     # Written out by rows: a matrix product may run in a lower precision on some devices.
-    index = [
-        jnp.floor(m[a, 0] * centre[0] + m[a, 1] * centre[1] + m[a, 2] * centre[2] + m[a, 3]) for a in range(3)
+    coordinates = [
+        m[a, 0] * centre[0] + m[a, 1] * centre[1] + m[a, 2] * centre[2] + m[a, 3] for a in range(3)
     ]
+    index = [jnp.floor(axis + _TIE) for axis in coordinates]
     i, j, k = (axis.astype(jnp.int32) for axis in index)
     is_inside = _is_inside(jnp.stack([i, j, k], axis=-1), source_shape)
     return jnp.where(is_inside, (i * source_shape[1] + j) * source_shape[2] + k, 0), is_inside
@@ -163,8 +166,8 @@ def resample_rigid(
 ) -> tuple[UInt8[np.ndarray, "u v w"], Float32[np.ndarray, "3"], Float32[np.ndarray, "u v w"] | None]:
     """Move a grid by a rigid transform and resample it on the lattice of multiples of its voxel size.
 
-    States and log-odds come from the nearest voxel. The 24 rotations of the cube with whole-voxel translations are
-    exact.
+    States and log-odds come from the nearest voxel. The 24 rotations of the cube with whole-voxel
+    translations are exact.
 
     Args:
         states: 0 unknown, 1 free, 2 occupied.
@@ -174,8 +177,8 @@ def resample_rigid(
         log_odds: Or None.
 
     Returns:
-        States, origin and log-odds (None if not given); one unknown voxel when nothing is known and `T` is no rotation of
-        the cube.
+        States, origin and log-odds (None if not given); one unknown voxel when nothing is known and `T` is
+        no rotation of the cube.
 
     Raises:
         InputError: If the result would have more than 2**31 - 1 voxels.

@@ -19,7 +19,8 @@ def rescale_states(
 ) -> tuple[UInt8[np.ndarray, "u v w"], Float32[np.ndarray, "3"], Float32[np.ndarray, "u v w"] | None]:
     """Bring a grid to another voxel size, on the lattice of multiples of the new one.
 
-    Coarser: each voxel goes where its centre lies; a new voxel is occupied if any of its parts is, else free if any is,
+    Coarser: each voxel goes where its centre lies; a new voxel is occupied if any of its parts is, else
+        free if any is,
     and has the highest log-odds of its known parts. Finer: a new voxel has the state of the voxel that holds
     its centre. Any ratio is fine.
 
@@ -53,7 +54,7 @@ def rescale_states(
 
 
 def _plan_axis(base: float, count: int, ratio: float) -> tuple[int, np.ndarray, bool]:
-    """Lowest new cell; where each new cell starts among the old (coarser) or which old cell it takes (finer)."""
+    """Lowest new cell; for each new cell the first of its old ones (coarser) or its only one (finer)."""
     if ratio < 1.0:
         cell = np.floor((base + np.arange(count) + 0.5) * ratio + _TIE).astype(np.int64)
         return int(cell[0]), np.flatnonzero(np.diff(cell, prepend=cell[0] - 1)), True

@@ -1,0 +1,99 @@
+import io
+import zipfile
+
+import numpy as np
+import pytest
+
+from voxjax import InputError, VoxelGrid
+from voxjax.io.npz import decode_npz, encode_npz
+
+
+def make_grid(with_log_odds=False) -> VoxelGrid:
+    rng = np.random.default_rng(0)
+    states = rng.integers(0, 3, (5, 6, 7)).astype(np.uint8)
+    log_odds = rng.normal(size=states.shape).astype(np.float32) if with_log_odds else None
+    return VoxelGrid(states, [0.03, -2.0, 1e3], 0.1, log_odds)
+
+
+def members(**changes) -> bytes:
+    """The bytes of a map file with some arrays exchanged (None: left out)."""
+    arrays = {
+        "voxjax_map": np.int32(1),
+        "states": np.zeros((2, 2, 2), np.uint8),
+        "origin": np.zeros(3, np.float32),
+        "voxel_size": np.float64(0.1),
+    } | changes
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, allow_pickle=True, **{k: v for k, v in arrays.items() if v is not None})
+    return buffer.getvalue()
+
+
+def bomb() -> bytes:
+    """A member whose header promises 65536³ voxels and holds none."""
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        header, {"descr": "|u1", "fortran_order": False, "shape": (65536, 65536, 65536)}
+    )
+    buffer = io.BytesIO(members(states=None))
+    with zipfile.ZipFile(buffer, "a") as archive:
+        archive.writestr("states.npy", header.getvalue())
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize("with_log_odds", [False, True])
+def test_there_and_back_is_the_same_grid(with_log_odds):
+    grid = make_grid(with_log_odds)
+    assert decode_npz(encode_npz(grid)) == grid
+
+
+def test_equal_grids_give_equal_bytes():
+    assert encode_npz(make_grid(True)) == encode_npz(make_grid(True))
+
+
+def test_numpy_reads_the_file_and_its_own_files_are_read():
+    grid = make_grid()
+    with np.load(io.BytesIO(encode_npz(grid)), allow_pickle=False) as arrays:
+        np.testing.assert_array_equal(arrays["states"], grid.states)
+    assert decode_npz(members()).shape == (2, 2, 2)
+    fortran = np.asfortranarray(np.asarray(grid.states))
+    np.testing.assert_array_equal(decode_npz(members(states=fortran)).states, grid.states)
+
+
+@pytest.mark.parametrize(
+    ("data", "sentence"),
+    [
+        (b"", "damaged"),
+        (b"not a zip file at all", "damaged"),
+        (encode_npz(make_grid())[:-30], "damaged"),
+        (members(states=None), "no array 'states'"),
+        (members(voxjax_map=None), "no voxjax map"),
+        (members(voxjax_map=np.int32(2)), "version 2"),
+        (members(states=np.zeros((2, 2), np.uint8)), "3 axes"),
+        (members(states=np.zeros((2, 2, 2), np.float32)), "type uint8"),
+        (members(states=np.full((2, 2, 2), 3, np.uint8)), "got 3"),
+        (members(states=np.array([[[{}]]])), "states"),
+        (members(origin=np.array([0, np.nan, 0], np.float32)), "origin must be finite"),
+        (members(origin=np.zeros(2, np.float32)), "origin"),
+        (members(voxel_size=np.float64(-1)), "voxel_size"),
+        (members(log_odds=np.full((2, 2, 2), np.nan, np.float32)), "NaN"),
+        (members(log_odds=np.zeros((2, 2, 1), np.float32)), "log_odds"),
+        (bomb(), "more than the limit"),
+    ],
+)
+def test_unusable_bytes_are_refused_in_one_sentence(data, sentence):
+    with pytest.raises(InputError, match=sentence) as caught:
+        decode_npz(data)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_damaged_file_gives_the_map_or_one_sentence():
+    rng = np.random.default_rng(1)
+    data = encode_npz(make_grid(True))
+    for _ in range(500):
+        damaged = bytearray(data)
+        for position in rng.integers(0, len(data), 4):
+            damaged[position] = rng.integers(0, 256)
+        try:
+            decode_npz(bytes(damaged), max_voxels=10**6)
+        except InputError:
+            continue

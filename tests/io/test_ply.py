@@ -1,0 +1,107 @@
+import numpy as np
+import pytest
+
+from voxjax import InputError, VoxelGrid
+from voxjax.io.ply import decode_ply, encode_ply
+
+POINTS = np.array([[0.5, -1.25, 3.0], [2.0, 0.0, -7.5], [1e-3, 8.0, 9.0]])
+
+
+def header(form: str, *lines: str) -> bytes:
+    return "\n".join(["ply", f"format {form} 1.0", *lines, "end_header", ""]).encode()
+
+
+def binary(order: str, code: str) -> bytes:
+    form, kind = {"<": "little", ">": "big"}[order], {"f4": "float", "f8": "double"}[code]
+    row = np.dtype(
+        [("x", order + code), ("label", "u1"), ("z", order + code), ("y", order + code), ("id", order + "i4")]
+    )
+    rows = np.zeros(3, row)
+    rows["x"], rows["y"], rows["z"], rows["label"], rows["id"] = *POINTS.T, 7, 70000
+    names = [
+        f"property {kind} x",
+        "property uchar label",
+        f"property {kind} z",
+        f"property {kind} y",
+        "property int id",
+    ]
+    lead = np.arange(4, dtype=order + "u2").tobytes()
+    lines = (
+        "comment made by hand",
+        "element camera 2",
+        "property ushort a",
+        "property ushort b",
+        "element vertex 3",
+        *names,
+    )
+    return header(f"binary_{form}_endian", *lines) + lead + rows.tobytes()
+
+
+XYZ = ("property float x", "property float y", "property float z")
+ASCII = header("ascii", "element vertex 2", *XYZ, "property list uchar int ids")
+TWO = header("binary_little_endian", "element vertex 2", *XYZ)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("code", ["f4", "f8"])
+def test_binary_clouds_of_either_byte_order_skip_what_is_no_coordinate(order, code):
+    points = decode_ply(binary(order, code))
+    assert points.dtype == np.dtype(code)
+    np.testing.assert_array_equal(points, POINTS.astype(code))
+
+
+@pytest.mark.parametrize("newline", [b"\n", b"\r\n"])
+def test_ascii_clouds_with_faces_after_the_vertices(newline):
+    head = header(
+        "ascii", "element vertex 2", "property uchar red", *XYZ, "element face 1", "property list uchar int i"
+    )
+    data = head + b"255 1 2.5 -3\n0 4e1 5 6\n3 0 1 1\n"
+    np.testing.assert_array_equal(decode_ply(data.replace(b"\n", newline)), [[1, 2.5, -3], [40, 5, 6]])
+
+
+def test_binary_faces_after_the_vertices_are_left_alone():
+    lines = ("element vertex 1", *XYZ, "element face 1", "property list uchar int vertex_indices")
+    data = header("binary_little_endian", *lines) + np.array([1, 2, 3], "<f4").tobytes() + bytes(13)
+    np.testing.assert_array_equal(decode_ply(data), [[1, 2, 3]])
+
+
+def test_a_grid_is_written_as_the_centres_of_its_occupied_voxels():
+    states = np.random.default_rng(0).integers(0, 3, (4, 5, 6)).astype(np.uint8)
+    grid = VoxelGrid(states, [1.0, -2.0, 0.5], 0.5)
+    data = encode_ply(grid)
+    points = decode_ply(data)
+    np.testing.assert_array_equal(points, np.argwhere(states == 2) * 0.5 + np.array([1.25, -1.75, 0.75]))
+    assert b"binary_little_endian" in data
+
+
+@pytest.mark.parametrize(
+    ("data", "sentence"),
+    [
+        (b"", "first line"),
+        (b"plywood", "first line"),
+        (b"ply\nformat ascii 1.0\n", "end_header"),
+        (header("binary_middle_endian", "element vertex 0", *XYZ), "format must be"),
+        (header("ascii", "element face 0"), "element 'vertex'"),
+        (header("ascii", "element vertex minus"), "cannot be understood"),
+        (header("ascii", "element vertex 1", *XYZ[:2]) + b"1 2\n", "no number 'z'"),
+        (header("ascii", "element vertex 1", *XYZ, "property quad w"), "unknown type"),
+        (ASCII + b"1 2 3 0\n1 2 3 0\n", "lists"),
+        (header("ascii", "element vertex 2", *XYZ) + b"1 2 3\n", "1 lines follow"),
+        (header("ascii", "element vertex 1", *XYZ) + b"1 2 3\n4 5 6\n", "2 lines follow"),
+        (header("ascii", "element vertex 1", *XYZ) + b"1 2\n", "3 numbers"),
+        (header("ascii", "element vertex 1", *XYZ) + b"1 2 three\n", "must be numbers"),
+        (header("ascii", "element vertex 1", *XYZ) + b"1 2 nan\n", "NaN"),
+        (TWO + np.zeros(5, "<f4").tobytes(), "truncated"),
+        (TWO + np.zeros(7, "<f4").tobytes(), "4 bytes follow"),
+        (TWO + np.full(6, np.inf, "<f4").tobytes(), "infinite"),
+        (header("binary_little_endian", "element vertex 99999999999999", *XYZ), "truncated"),
+        (
+            header("binary_little_endian", "element face 0", "property list int int i", "element vertex 0", *XYZ),
+            "cannot be skipped",
+        ),
+    ],
+)  # fmt: skip
+def test_unusable_bytes_are_refused_in_one_sentence(data, sentence):
+    with pytest.raises(InputError, match=sentence) as caught:
+        decode_ply(data)
+    assert "\n" not in str(caught.value)
