@@ -17,7 +17,7 @@ from .png import encode_png
 if TYPE_CHECKING:
     from ..grid import VoxelGrid
 
-Image = UInt8[np.ndarray, "height width 3"]
+Image = UInt8[np.ndarray, "_ _ 3"]
 _MARGIN = 24
 _TITLE = 34
 

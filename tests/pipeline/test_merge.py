@@ -1,0 +1,134 @@
+"""Merging of many maps: which are merged, and where each ends up."""
+
+import itertools
+
+import networkx as nx
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fake_register import FakeRegister, cube_map, pose, registration
+from voxjax import InputError, merge
+from voxjax.pipeline import many
+
+WORLD = [pose(0.3 * n, (2.0 * n, -n, 0.5 * n)) for n in range(5)]
+
+
+def _relative(a, b):
+    return np.linalg.inv(WORLD[a]) @ WORLD[b]
+
+
+@pytest.fixture
+def maps():
+    return [cube_map(n) for n in range(5)]
+
+
+def _merge(monkeypatch, maps, **tables):
+    fake = FakeRegister(maps, WORLD, **tables)
+    monkeypatch.setattr(many, "register", fake)
+    return merge(maps), fake
+
+
+def test_all_poses_map_into_the_frame_of_the_first_map(monkeypatch, maps):
+    merged, _ = _merge(monkeypatch, maps)
+    assert merged.status == "merged"
+    for number, found in enumerate(merged.poses):
+        np.testing.assert_allclose(found, _relative(0, number), atol=1e-5)
+    assert [(a, b) for a, b, _ in merged.pairs] == list(itertools.combinations(range(5), 2))
+    assert merged.grid.num_occupied >= max(m.num_occupied for m in maps)
+
+
+def test_a_stranger_is_left_out_and_named(monkeypatch, maps):
+    strange = {pair: "no_overlap" for pair in itertools.combinations(range(5), 2) if 3 in pair}
+    merged, _ = _merge(monkeypatch, maps, verdicts=strange)
+    assert merged.status == "partial"
+    assert [n for n, found in enumerate(merged.poses) if found is None] == [3]
+    assert "left out: 3" in merged.reason
+
+
+@pytest.mark.parametrize("verdict", ["no_overlap", "ambiguous"])
+def test_nothing_accepted_gives_no_map_but_the_hypotheses(monkeypatch, maps, verdict):
+    merged, _ = _merge(
+        monkeypatch, maps, verdicts=dict.fromkeys(itertools.combinations(range(5), 2), verdict)
+    )
+    assert merged.status == "no_overlap"
+    assert merged.grid is None
+    assert all(found is None for found in merged.poses)
+    assert all(len(r.hypotheses) == 1 for _, _, r in merged.pairs)
+    assert verdict in merged.reason
+
+
+def test_the_largest_part_is_merged_and_its_lowest_map_is_the_world(monkeypatch, maps):
+    refused = {
+        pair: "no_overlap" for pair in itertools.combinations(range(5), 2) if len({0, 1} & set(pair)) == 1
+    }
+    merged, _ = _merge(monkeypatch, maps, verdicts=refused)
+    assert [found is None for found in merged.poses] == [True, True, False, False, False]
+    np.testing.assert_allclose(merged.poses[4], _relative(2, 4), atol=1e-5)
+
+
+def test_of_equal_parts_the_one_with_the_lowest_map_is_merged():
+    pairs = [(2, 3, registration(np.eye(4), confidence=0.99)), (0, 1, registration(np.eye(4)))]
+    assert [edge[:2] for edge in many.spanning_tree(4, pairs)] == [(0, 1)]
+
+
+def test_the_tree_avoids_the_weak_pair_and_reports_how_far_it_is_off(maps):
+    wrong = _relative(0, 1) @ pose(0.0, (3.0, 0.0, 0.0))
+    pairs = [
+        (0, 1, registration(wrong, confidence=0.6)),
+        (0, 2, registration(_relative(0, 2), confidence=0.9)),
+        (1, 2, registration(_relative(1, 2), confidence=0.8)),
+    ]
+    tree = many.spanning_tree(3, pairs)
+    poses = many.chain_poses(3, tree)
+    np.testing.assert_allclose(poses[1], _relative(0, 1), atol=1e-5)
+    (loop,) = many.loop_errors(maps[:3], poses, pairs, tree)
+    assert (loop.a, loop.b) == (0, 1)
+    assert loop.metres == pytest.approx(3.0, abs=1e-4)
+    assert loop.radians == pytest.approx(0.0, abs=1e-3)
+
+
+@given(data=st.data(), num_maps=st.integers(2, 7))
+@settings(max_examples=60, deadline=None)
+def test_the_tree_is_the_maximum_spanning_tree_of_its_part(data, num_maps):
+    edges = data.draw(
+        st.lists(st.sampled_from(list(itertools.combinations(range(num_maps), 2))), unique=True)
+    )
+    confidences = data.draw(st.permutations([(n + 1) / 64 for n in range(len(edges))]))
+    weighted = [(a, b, c) for (a, b), c in zip(edges, confidences, strict=True)]
+    pairs = [(a, b, registration(np.eye(4), confidence=c)) for a, b, c in weighted]
+    tree = many.spanning_tree(num_maps, pairs)
+    shuffled = many.spanning_tree(num_maps, data.draw(st.permutations(pairs)))
+    assert sorted(e[:2] for e in tree) == sorted(e[:2] for e in shuffled)
+    graph = nx.Graph()
+    graph.add_nodes_from(range(num_maps))
+    graph.add_weighted_edges_from(weighted)
+    part = max(nx.connected_components(graph), key=lambda nodes: (len(nodes), -min(nodes)))
+    expected = nx.maximum_spanning_tree(graph.subgraph(part))
+    assert {e[:2] for e in tree} == {tuple(sorted(e)) for e in expected.edges}
+
+
+def test_ties_of_confidence_are_settled_by_evidence():
+    pairs = [
+        (0, 1, registration(np.eye(4), score=0.2)),
+        (0, 2, registration(np.eye(4), score=0.4)),
+        (1, 2, registration(np.eye(4), score=0.3)),
+    ]
+    assert [edge[:2] for edge in many.spanning_tree(3, pairs)] == [(0, 2), (1, 2)]
+
+
+def test_options_reach_every_pair_and_stages_are_named(monkeypatch, maps):
+    fake = FakeRegister(maps, WORLD)
+    monkeypatch.setattr(many, "register", fake)
+    stages = []
+    merge(maps[:3], preset="paper", gravity_aligned=True, config=None, on_stage=stages.append)
+    assert all(call["preset"] == "paper" and call["gravity_aligned"] for call in fake.calls)
+    assert stages == [*(f"maps {a} and {b}: features" for a, b in ((0, 1), (0, 2), (1, 2))), "fuse"]
+
+
+def test_too_few_maps_and_misplaced_guesses_are_refused(maps):
+    with pytest.raises(InputError, match="at least two maps, got 1"):
+        merge(maps[:1])
+    with pytest.raises(InputError, match="exactly two maps, got 3"):
+        merge(maps[:3], init_guess=np.eye(4))

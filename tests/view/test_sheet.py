@@ -1,0 +1,82 @@
+"""Sheets: who saw what, colours, and pictures of maps that are odd."""
+
+import numpy as np
+import pytest
+from scipy.spatial.distance import cdist
+
+from voxjax import VoxelGrid
+from voxjax.view import draw_grid, draw_maps, draw_merge, encode_png, grid_png
+from voxjax.view.colors import SHARED_COLOR, color_by_height, map_color
+from voxjax.view.sheet import seen_by, share_colors
+
+
+def _grid(states, origin=(0.0, 0.0, 0.0), voxel_size=0.5):
+    return VoxelGrid(np.asarray(states, np.uint8), origin, voxel_size)
+
+
+def _random_grid(seed, shape=(9, 8, 7)):
+    rng = np.random.default_rng(seed)
+    return _grid(rng.choice([0, 1, 2], shape, p=(0.4, 0.4, 0.2)), rng.integers(-4, 4, 3) * 0.5)
+
+
+def _turn_about_z(degrees, shift):
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return np.asarray([[c, -s, 0, shift[0]], [s, c, 0, shift[1]], [0, 0, 1, shift[2]], [0, 0, 0, 1]])
+
+
+@pytest.mark.parametrize("turn", [0, 90, 180])
+def test_seen_by_is_the_chebyshev_distance_of_one_voxel(turn):
+    grid, fused = _random_grid(1), _random_grid(2)
+    T = _turn_about_z(turn, (1.0, -0.5, 0.5)).astype(np.float32)
+    moved = grid.occupied_points() @ T[:3, :3].T + T[:3, 3]
+    nearest = cdist(fused.occupied_points(), moved, "chebyshev").min(axis=1)
+    np.testing.assert_array_equal(seen_by([grid], [T], fused)[0], nearest < 0.75)
+
+
+def test_maps_that_were_left_out_saw_nothing():
+    grid = _random_grid(3)
+    assert not seen_by([grid, grid], [None, np.eye(4)], grid)[0].any()
+
+
+def test_what_two_maps_saw_has_the_shared_color_and_else_the_map_s_own():
+    colors = share_colors(np.asarray([[1, 0, 1, 0], [0, 1, 1, 0]], bool))
+    np.testing.assert_array_equal(colors[:3], [map_color(0), map_color(1), SHARED_COLOR])
+
+
+def test_a_merge_is_drawn_in_the_maps_colors():
+    states = np.ones((24, 24, 6), np.uint8)
+    states[:, :, 0] = 2
+    left, right = _grid(states), _grid(states, (8.0, 0.0, 0.0))
+    both = np.concatenate([states, states[:16]])
+    sheet = draw_merge([left, right], [np.eye(4), np.eye(4)], _grid(both), names=["one", "two"])
+    assert sheet.dtype == np.uint8
+    for color in (map_color(0), map_color(1), SHARED_COLOR):  # the legend has them pure
+        assert (sheet == np.asarray(color, np.uint8)).all(axis=-1).any()
+
+
+@pytest.mark.parametrize("state", [0, 1, 2])
+@pytest.mark.parametrize("shape", [(1, 1, 1), (1, 40, 1), (12, 1, 30)])
+def test_uniform_and_thin_maps_are_drawn(shape, state):
+    grid = _grid(np.full(shape, state))
+    for view in ("isometric", "top"):
+        assert draw_grid(grid, view=view, width=90, height=70).shape == (70, 90, 3)
+    assert draw_merge([grid, grid, grid], [np.eye(4), None, np.eye(4)], grid).ndim == 3
+
+
+def test_the_ceiling_hides_the_rooms_unless_it_is_cut():
+    states = np.ones((20, 20, 10), np.uint8)
+    states[:, :, [0, 9]] = states[[0, 19]] = states[:, [0, 19]] = 2
+    states[10, :, :] = 2
+    open_room, closed = draw_maps([_grid(states)]), draw_maps([_grid(states)], cut_ceiling=False)
+    assert not np.array_equal(open_room, closed)
+
+
+def test_heights_give_different_colors_and_equal_heights_one():
+    colors = color_by_height(np.linspace(0.0, 5.0, 50))
+    assert len(np.unique(colors, axis=0)) > 30
+    assert len(np.unique(color_by_height(np.full(5, 2.0)), axis=0)) == 1
+
+
+def test_grid_png_is_the_picture_of_the_grid():
+    grid = _random_grid(5)
+    assert grid_png(grid, width=80, height=60) == encode_png(draw_grid(grid, width=80, height=60))
