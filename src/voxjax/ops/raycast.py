@@ -1,9 +1,12 @@
 """Ray casting on the voxel lattice: which voxels a ray crosses, and grids made from clouds.
 
-`mark_crossed_voxels` is the kernel: it walks all rays in lock step from voxel to voxel, exactly. The
+`walk_rays` is the kernel: it walks all rays in lock step from voxel to voxel, exactly. The
 host functions around it cut rays into batches of similar length, so that memory is bounded and no ray waits
 long for another.
 """
+
+from collections.abc import Callable, Iterator
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +23,65 @@ MAX_VOXELS = 2**30
 _RAYS_PER_BATCH = 4096
 
 
+State = TypeVar("State")
+
+
+def walk_rays(
+    state: State,
+    visit: Callable[[State, jax.Array], State],
+    start_index: Int32[Array, "n 3"],
+    start_offset: Float32[Array, "n 3"],
+    end_index: Int32[Array, "n 3"],
+    end_offset: Float32[Array, "n 3"],
+    strides: Int32[Array, "3"],
+    mask: Bool[Array, " n"],
+) -> State:
+    """Walk all rays in lock step from voxel to voxel, start and end included; to be called inside a jit.
+
+    A ray steps to the next voxel along the axis whose lattice plane it meets first (Amanatides and Woo,
+    1987). The number of steps along each axis is known from the two indices, so rounding can swap two steps
+    that fall together but cannot miss the end voxel.
+
+    Args:
+        state: What `visit` works on, any pytree.
+        visit: Given the state and the flat index int32 (n,) of the voxel where each ray is, the new state. A
+            ray that has ended stays in its end voxel; a masked one is at the largest int32.
+        start_index: Voxel of each start.
+        start_offset: Place of the start inside its voxel, in [0, 1) [voxel].
+        end_index: Voxel of each end.
+        end_offset: Place of the end inside its voxel, in [0, 1) [voxel].
+        strides: Distance of neighbours along x, y, z in the flat grid.
+        mask: Which rays count.
+
+    Returns:
+        The state after the last visit.
+    """
+    steps_index = end_index - start_index
+    steps = jnp.where(mask[:, None], jnp.abs(steps_index), 0).T
+    displacement = steps_index.astype(jnp.float32) + (end_offset - start_offset)
+    # Rays without a step along an axis never use its times, so any positive length will do there.
+    length = jnp.where(steps_index != 0, jnp.abs(displacement), jnp.float32(1.0))
+    to_first_plane = jnp.where(steps_index > 0, jnp.float32(1.0) - start_offset, start_offset)
+    first, interval = (to_first_plane / length).T, (jnp.float32(1.0) / length).T
+    flat_step = (jnp.sign(steps_index) * strides[None, :]).T
+    start_flat = jnp.sum(start_index * strides[None, :], axis=1, dtype=jnp.int32)
+    flat = jnp.where(mask, start_flat, jnp.iinfo(jnp.int32).max)
+    num_rounds = jnp.max(jnp.sum(steps, axis=0, dtype=jnp.int32), initial=0)
+
+    def step(carry: tuple) -> tuple:
+        done, flat, counts, state = carry
+        is_left = counts < steps
+        times = jnp.where(is_left, first + counts.astype(jnp.float32) * interval, jnp.inf)
+        takes_x = (times[0] <= times[1]) & (times[0] <= times[2])
+        takes_y = ~takes_x & (times[1] <= times[2])
+        moves = jnp.stack([takes_x, takes_y, ~takes_x & ~takes_y]) & is_left
+        flat = flat + jnp.sum(jnp.where(moves, flat_step, 0), axis=0, dtype=jnp.int32)
+        return done + 1, flat, counts + moves.astype(jnp.int32), visit(state, flat)
+
+    carry = (jnp.int32(0), flat, jnp.zeros_like(steps), visit(state, flat))
+    return jax.lax.while_loop(lambda c: c[0] < num_rounds, step, carry)[3]
+
+
 @jax.jit
 def mark_crossed_voxels(
     is_crossed: Bool[Array, " v"],
@@ -30,74 +92,65 @@ def mark_crossed_voxels(
     strides: Int32[Array, "3"],
     mask: Bool[Array, " n"],
 ) -> Bool[Array, " v"]:
-    """Mark the voxels that straight rays cross, start and end voxels included.
+    """Mark the voxels of a flat grid that straight rays cross, start and end voxels included.
 
-    A ray steps to the next voxel along the axis whose lattice plane it meets first (Amanatides and Woo,
-    1987). The number of steps along each axis is known from the two indices, so rounding can swap two steps
-    that fall together but cannot miss the end voxel.
-
-    Args:
-        is_crossed: Flat grid, True where voxels are marked already.
-        start_index: Voxel of each start.
-        start_offset: Place of the start inside its voxel, in [0, 1) [voxel].
-        end_index: Voxel of each end.
-        end_offset: Place of the end inside its voxel, in [0, 1) [voxel].
-        strides: Distance of neighbours along x, y, z in the flat grid.
-        mask: Which rays count.
+    The rays are given as in `walk_rays`; indices outside the grid are dropped.
 
     Returns:
-        `is_crossed` with more voxels marked. Indices outside the flat grid are dropped.
+        `is_crossed` with more voxels marked.
     """
-    steps_index = end_index - start_index
-    steps = jnp.where(mask[:, None], jnp.abs(steps_index), 0).T
-    displacement = steps_index.astype(jnp.float32) + (end_offset - start_offset)
-    # Rays without a step along an axis never use its times, so any positive length will do there.
-    length = jnp.where(steps_index != 0, jnp.abs(displacement), jnp.float32(1.0))
-    to_first_plane = jnp.where(steps_index > 0, jnp.float32(1.0) - start_offset, start_offset)
-    first, interval = (to_first_plane / length).T, (jnp.float32(1.0) / length).T
-    flat_step = (jnp.sign(steps_index) * strides[None, :]).T
-    outside = jnp.int32(is_crossed.shape[0])
-    flat = jnp.where(mask, jnp.sum(start_index * strides[None, :], axis=1, dtype=jnp.int32), outside)
-    num_rounds = jnp.max(jnp.sum(steps, axis=0, dtype=jnp.int32), initial=0)
 
-    def step(carry: tuple) -> tuple:
-        done, flat, counts, marked = carry
-        is_left = counts < steps
-        times = jnp.where(is_left, first + counts.astype(jnp.float32) * interval, jnp.inf)
-        takes_x = (times[0] <= times[1]) & (times[0] <= times[2])
-        takes_y = ~takes_x & (times[1] <= times[2])
-        moves = jnp.stack([takes_x, takes_y, ~takes_x & ~takes_y]) & is_left
-        flat = flat + jnp.sum(jnp.where(moves, flat_step, 0), axis=0, dtype=jnp.int32)
-        return done + 1, flat, counts + moves.astype(jnp.int32), marked.at[flat].set(True, mode="drop")
+    def mark(marked: jax.Array, flat: jax.Array) -> jax.Array:
+        return marked.at[flat].set(True, mode="drop")
 
-    marked = jnp.asarray(is_crossed).at[flat].set(True, mode="drop")
-    carry = (jnp.int32(0), flat, jnp.zeros_like(steps), marked)
-    return jax.lax.while_loop(lambda c: c[0] < num_rounds, step, carry)[3]
+    rays = (start_index, start_offset, end_index, end_offset, strides, mask)
+    return walk_rays(jnp.asarray(is_crossed), mark, *rays)
 
 
-def crossed_voxels(starts: np.ndarray, ends: np.ndarray, shape: tuple[int, int, int]) -> np.ndarray:
+def ray_batches(starts: np.ndarray, ends: np.ndarray) -> Iterator[tuple[np.ndarray, ...]]:
+    """Cut rays into padded batches of similar length.
+
+    Args:
+        starts: (n, 3) in voxels from the grid's outer corner.
+        ends: (n, 3), likewise.
+
+    Yields:
+        start_index, start_offset, end_index, end_offset and mask, as `walk_rays` takes them.
+    """
+    start_index, start_offset = _split(starts)
+    end_index, end_offset = _split(ends)
+    order = np.argsort(np.abs(end_index - start_index).sum(axis=1), kind="stable")
+    size = bucket_size(min(len(order), _RAYS_PER_BATCH))
+    for first in range(0, len(order), _RAYS_PER_BATCH):
+        batch = order[first : first + _RAYS_PER_BATCH]
+        rows = (start_index, start_offset, end_index, end_offset)
+        yield *(pad_rows(array[batch], size) for array in rows), np.arange(size) < len(batch)
+
+
+def flat_strides(shape: tuple[int, ...]) -> np.ndarray:
+    """Distance of neighbours along x, y, z in the flat grid, int32 (3,)."""
+    return np.asarray([shape[1] * shape[2], shape[2], 1], np.int32)
+
+
+def crossed_voxels(
+    starts: np.ndarray, ends: np.ndarray, shape: tuple[int, int, int], *, capacity: int = 0
+) -> np.ndarray:
     """Mark the voxels of a grid that rays cross, in batches.
 
     Args:
         starts: (n, 3) in voxels from the grid's outer corner; inside the grid.
         ends: (n, 3), likewise.
         shape: Number of voxels along x, y, z.
+        capacity: Voxels of the flat grid that the kernel works on, if more than the shape needs; the same for
+            all calls, they share one compiled kernel.
 
     Returns:
         bool (x, y, z): True where a ray crosses, starts or ends.
     """
-    start_index, start_offset = _split(starts)
-    end_index, end_offset = _split(ends)
-    strides = np.asarray([shape[1] * shape[2], shape[2], 1], np.int32)
     num_voxels = int(np.prod(shape))
-    marked = jnp.zeros(bucket_size(num_voxels, 4096), bool)
-    order = np.argsort(np.abs(end_index - start_index).sum(axis=1), kind="stable")
-    for first in range(0, len(order), _RAYS_PER_BATCH):
-        batch = order[first : first + _RAYS_PER_BATCH]
-        size = bucket_size(len(batch))
-        rows = (start_index, start_offset, end_index, end_offset)
-        padded = [pad_rows(array[batch], size) for array in rows]
-        marked = mark_crossed_voxels(marked, *padded, strides, np.arange(size) < len(batch))
+    marked = jnp.zeros(max(bucket_size(num_voxels, 4096), capacity), bool)
+    for *rays, mask in ray_batches(starts, ends):
+        marked = mark_crossed_voxels(marked, *rays, flat_strides(shape), mask)
     return np.asarray(marked)[:num_voxels].reshape(shape)
 
 

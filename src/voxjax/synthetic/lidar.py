@@ -1,0 +1,105 @@
+"""A spinning 3D lidar in a generated building: beams, ranges, noise, drop-outs and people walking by."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .._buckets import bucket_size, pad_rows
+from .building import Building
+from .prisms import Prisms, cast_rays, join_prisms, make_prisms, rectangle
+
+_MAX_PEOPLE = 4
+
+
+def _elevations() -> np.ndarray:
+    """24 beams around the horizon and 24 that reach floor and ceiling [rad]."""
+    return np.radians(np.concatenate([np.linspace(-16.0, 16.0, 24), np.linspace(-72.0, 72.0, 24)]))
+
+
+@dataclass(frozen=True)
+class Lidar:
+    """A lidar.
+
+    Attributes:
+        elevations: Of the beams [rad].
+        num_azimuths: Shots of each beam a turn.
+        max_range: [m].
+        free_range: A shot without echo is taken as free space up to here [m].
+        range_noise: Standard deviation of the range [m].
+        dropout: Share of the shots that are lost.
+        people: Mean number of people near the sensor in a scan.
+    """
+
+    elevations: np.ndarray = field(default_factory=_elevations)
+    num_azimuths: int = 240
+    max_range: float = 18.0
+    free_range: float = 8.0
+    range_noise: float = 0.02
+    dropout: float = 0.08
+    people: float = 0.4
+
+    def directions(self) -> np.ndarray:
+        """Unit vectors (n, 3) in the sensor's frame; neighbouring beams are shifted by half a step."""
+        azimuth = 2.0 * np.pi * np.arange(self.num_azimuths) / self.num_azimuths
+        shift = np.pi / self.num_azimuths * (np.arange(len(self.elevations)) % 2)
+        angle = azimuth[:, None] + shift[None, :]
+        elevation = np.broadcast_to(self.elevations, angle.shape)
+        rows = [np.cos(elevation) * np.cos(angle), np.cos(elevation) * np.sin(angle), np.sin(elevation)]
+        return np.stack(rows, axis=-1).reshape(-1, 3)
+
+
+@dataclass(frozen=True)
+class Scan:
+    """One turn of the lidar, in the sensor's frame.
+
+    Attributes:
+        points: (n, 3) [m]: echoes, then the ends of the free shots.
+        num_hits: How many of them are echoes.
+    """
+
+    points: np.ndarray
+    num_hits: int
+
+
+def take_scan(rng: np.random.Generator, building: Building, T_world_sensor: np.ndarray, lidar: Lidar) -> Scan:
+    """Scan the building, and people, from a pose.
+
+    Args:
+        rng: Source of chance.
+        building: What is seen.
+        T_world_sensor: (4, 4) true pose.
+        lidar: The sensor.
+    """
+    shots = lidar.directions()
+    solids = join_prisms(building.solids, _draw_people(rng, T_world_sensor[:3, 3], lidar.people))
+    ranges = measure_ranges(solids, T_world_sensor[:3, 3], shots @ T_world_sensor[:3, :3].T)
+    is_echo = ranges <= lidar.max_range
+    noisy = ranges + rng.normal(0.0, lidar.range_noise, len(ranges))
+    is_kept = rng.random(len(ranges)) >= lidar.dropout
+    echoes = shots[is_echo & is_kept] * noisy[is_echo & is_kept, None]
+    return Scan(np.concatenate([echoes, lidar.free_range * shots[~is_echo & is_kept]]), len(echoes))
+
+
+def measure_ranges(solids: Prisms, origin: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Distances (n,) [m] from one origin to the nearest solid along unit vectors, inf where nothing is met."""
+    # Sizes climb the ladder, so that buildings and people of all numbers share one compiled caster.
+    size = bucket_size(len(solids.kind) + _MAX_PEOPLE)
+    arrays = (solids.side_normals, solids.side_offsets, solids.z_range)
+    padded = [pad_rows(array.astype(np.float32), size) for array in arrays]
+    mask = np.arange(size) < len(solids.kind)
+    return np.asarray(
+        cast_rays(origin.astype(np.float32), directions.astype(np.float32), *padded, mask), np.float64
+    )
+
+
+def _draw_people(rng: np.random.Generator, near: np.ndarray, mean: float) -> Prisms:
+    """People 0.8 to 4 m away from the sensor; some are behind walls, where nobody sees them."""
+    parts = []
+    for _ in range(min(rng.poisson(mean), _MAX_PEOPLE)):
+        angle, distance = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.8, 4.0)
+        centre = near[:2] + distance * np.asarray([np.cos(angle), np.sin(angle)])
+        footprint = rectangle(
+            centre, rng.uniform(0.4, 0.55), rng.uniform(0.22, 0.35), rng.uniform(0.0, np.pi)
+        )
+        parts.append((footprint, 0.0, rng.uniform(1.55, 1.9), "person"))
+    return make_prisms(parts)

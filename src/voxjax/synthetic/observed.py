@@ -1,0 +1,48 @@
+"""Which true corners a map shows."""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..grid import VoxelGrid
+from .true_corners import TrueCorners
+
+_REACH = 0.35  # how far along its faces a corner is looked at [m]
+_FEWEST_VOXELS = 3
+
+
+def observed_corners(corners: TrueCorners, grid: VoxelGrid, T_world_map: np.ndarray | None) -> np.ndarray:
+    """Which corners have occupied voxels on all three faces beside them, and free space.
+
+    Args:
+        corners: In the frame of the world.
+        grid: The map.
+        T_world_map: (4, 4); None for a map of another place, which shows none.
+
+    Returns:
+        bool (n,).
+    """
+    seen = np.zeros(len(corners.kind), bool)
+    if T_world_map is None or not grid.num_occupied:
+        return seen
+    T_map_world = np.linalg.inv(T_world_map)
+    position = corners.position @ T_map_world[:3, :3].T + T_map_world[:3, 3]
+    normals = corners.normals @ T_map_world[:3, :3].T
+    points = grid.occupied_points().astype(np.float64)
+    reach = max(_REACH, 4.0 * grid.voxel_size)
+    nearby = cKDTree(points).query_ball_point(position, reach)
+    for i, indices in enumerate(nearby):
+        seen[i] = _shows_faces(points[indices] - position[i], normals[i], grid.voxel_size)
+    free = np.asarray(grid.states) == 1
+    for i in np.flatnonzero(seen):
+        probe = grid.index_from_world((position[i] + 0.6 * reach * normals[i].sum(axis=0))[None])[0]
+        low, high = np.maximum(probe - 2, 0), np.maximum(probe + 3, 0)
+        seen[i] = free[low[0] : high[0], low[1] : high[1], low[2] : high[2]].any()
+    return seen
+
+
+def _shows_faces(offsets: np.ndarray, normals: np.ndarray, voxel_size: float) -> bool:
+    """Whether each face has voxels within one voxel of its plane and farther from both others."""
+    distance = np.abs(offsets @ normals.T)
+    is_near = distance < voxel_size
+    alone = is_near & (is_near.sum(axis=1, keepdims=True) == 1)
+    return bool((alone.sum(axis=0) >= _FEWEST_VOXELS).all())
