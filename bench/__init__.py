@@ -1,0 +1,1 @@
+"""Benchmarks: `python -m bench NAME`; how they measure is said in `timing`."""
