@@ -1,0 +1,182 @@
+"""Residuals of points of one map against the surface of another, as functions of a small motion.
+
+The motion is a tangent (translation [m], rotation [rad]) about the centroid of map b expressed in frame a, so that
+both halves of it are decoupled and float32 keeps its digits.
+"""
+
+from typing import Literal, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Bool, Float, Float32, Int32, UInt32
+
+from .. import rigid
+from .._types import Array
+from ..ops.evidence import lookup
+from ..ops.nearest import NOTHING_NEAR, split_keys
+
+Loss = Literal["geman_mcclure", "cauchy", "huber", "squared"]
+
+SLIDE_WEIGHT = 0.1
+"""How much a distance along the surface counts beside one across it: the grid rounds the former."""
+
+FAR_VOXELS = 5.0
+"""What a point without a match costs: an offset of so many voxels, the reach of the field."""
+
+MIN_COSINE = 0.5
+"""Surfaces whose normals differ by more than 60 degrees do not match."""
+
+MIN_PLANARITY = 0.3
+"""Below it a normal says nothing about the side."""
+
+
+class Surface(NamedTuple):
+    """Occupied voxels of map a and the field that finds the nearest of them.
+
+    Attributes:
+        keys: Flat field of `ops.nearest.nearest_field`.
+        dims: Size of its block [voxel].
+        origin: Its outer corner [m].
+        voxel_size: [m].
+        points: Voxel centres that the keys point to [m].
+        normals: Unit normals there.
+        planarity: In [0, 1]: how far to trust the normals.
+        is_signed: Whether the normals of both maps point to free space, so that two sides of a wall differ.
+    """
+
+    keys: UInt32[Array, "flat"]
+    dims: Int32[Array, "3"]
+    origin: Float32[Array, "3"]
+    voxel_size: Float32[Array, ""]
+    points: Float32[Array, "m 3"]
+    normals: Float32[Array, "m 3"]
+    planarity: Float32[Array, "m"]
+    is_signed: Bool[Array, ""]
+
+
+class Sample(NamedTuple):
+    """Points of map b and their weights, 0 for padding.
+
+    Attributes:
+        points: [m], in frame b.
+        normals: Unit normals there; of length 0 where there is no plane.
+        weights: At least 0; sum 1.
+        centroid: Of map b [m].
+    """
+
+    points: Float32[Array, "n 3"]
+    normals: Float32[Array, "n 3"]
+    weights: Float32[Array, "n"]
+    centroid: Float32[Array, "3"]
+
+
+def move_about(
+    T: Float[Array, "4 4"], centroid: Float[Array, "3"], tangent: Float[Array, "6"]
+) -> Float[Array, "4 4"]:
+    """`T` followed by a small motion about the image of `centroid`.
+
+    Args:
+        T: `T_a_b`.
+        centroid: Of map b, in frame b [m].
+        tangent: Translation [m] and rotation [rad] in frame a.
+    """
+    rotation = rigid.exp_so3(tangent[3:]) @ T[:3, :3]
+    image = T[:3, :3] @ centroid + T[:3, 3] + tangent[:3]
+    return rigid.from_rotation_translation(rotation, image - rotation @ centroid)
+
+
+def meet(
+    surface: Surface, sample: Sample, T: Float[Array, "4 4"]
+) -> tuple[Float[Array, "n 3"], Float[Array, "n 3"], Float[Array, "n"], Bool[Array, "n"]]:
+    """What the points of b meet under a pose.
+
+    Returns:
+        Offset from the nearest voxel of a [m], the normal and the planarity there, and whether it is a match: there
+        is one in reach, and it does not face another way (the other side of a wall, a floor upon a ceiling).
+    """
+    moved = rigid.apply(T, sample.points)
+    key = lookup(surface.keys, surface.dims, surface.origin, surface.voxel_size, moved, NOTHING_NEAR)
+    row = split_keys(key)[0] % surface.points.shape[0]
+    normal, planarity = surface.normals[row], surface.planarity[row]
+    cosine = jnp.sum(normal * (sample.normals @ T[:3, :3].T), axis=-1, dtype=moved.dtype)
+    cosine = jnp.where(surface.is_signed, cosine, jnp.abs(cosine))
+    has_normals = (planarity > MIN_PLANARITY) & jnp.any(sample.normals != 0.0, axis=-1)
+    is_match = (key != NOTHING_NEAR) & ~(has_normals & (cosine < MIN_COSINE))
+    return moved - surface.points[row], normal, planarity, is_match
+
+
+def robustify(offset: Float[Array, "n 3"], loss: Loss) -> Float[Array, "n 3"]:
+    """Shrink offsets (in units of the robust scale) so that their square is the robust loss; smooth at zero."""
+    squared = jnp.sum(offset * offset, axis=-1, keepdims=True)
+    if loss == "squared":
+        return offset
+    if loss == "geman_mcclure":
+        return offset / jnp.sqrt(1.0 + squared)
+    is_small = squared < (1.0 if loss == "huber" else 1e-4)
+    squared_safe = jnp.where(is_small, jnp.ones_like(squared), squared)
+    if loss == "huber":
+        factor = jnp.sqrt(2.0 * jnp.sqrt(squared_safe) - 1.0) / jnp.sqrt(squared_safe)
+        return offset * jnp.where(is_small, jnp.ones_like(squared), factor)
+    factor = jnp.sqrt(jnp.log1p(squared_safe) / squared_safe)
+    return offset * jnp.where(is_small, 1.0 - 0.25 * squared, factor)
+
+
+def surface_residuals(
+    tangent: Float[Array, "6"],
+    T: Float[Array, "4 4"],
+    surface: Surface,
+    sample: Sample,
+    scale: Float[Array, ""],
+    *,
+    loss: Loss,
+) -> Float[Array, "n 3"]:
+    """Weighted robust offsets of the points of b from the surface of a, in units of `scale`.
+
+    Across the surface an offset counts in full, along it by `SLIDE_WEIGHT` (in full where there is no plane). A point
+    with nothing in reach counts as one at the end of the field's reach, with no slope.
+
+    Args:
+        tangent: Motion after `T`.
+        T: `T_a_b`.
+        surface: Of map a.
+        sample: Of map b.
+        scale: Robust scale [m].
+        loss: What a large offset costs.
+    """
+    gap, normal, planarity, is_match = meet(surface, sample, move_about(T, sample.centroid, tangent))
+    across = normal * jnp.sum(gap * normal, axis=-1, keepdims=True)
+    along = gap - across
+    slide = SLIDE_WEIGHT * planarity[:, None] + (1.0 - planarity[:, None])
+    offset = (across + slide * along) / scale
+    reach = surface.voxel_size * FAR_VOXELS / scale
+    far = jnp.concatenate([jnp.full_like(offset[:, :1], 1.0), jnp.zeros_like(offset[:, 1:])], axis=1) * reach
+    return robustify(jnp.where(is_match[:, None], offset, far), loss) * jnp.sqrt(sample.weights)[:, None]
+
+
+def mean_cost(
+    T: Float[Array, "4 4"], surface: Surface, sample: Sample, scale: Float[Array, ""], *, loss: Loss
+) -> Float[Array, ""]:
+    """Weighted mean of the robust loss at a pose, in units of the scale squared."""
+    zero = jnp.zeros(6, T.dtype)
+    residual = surface_residuals(zero, T, surface, sample, scale, loss=loss)
+    return jnp.sum(residual * residual, dtype=residual.dtype)
+
+
+def plane_information(
+    T: Float[Array, "4 4"], surface: Surface, sample: Sample, scale: Float[Array, ""]
+) -> tuple[Float[Array, "6 6"], Float[Array, ""], Float[Array, ""]]:
+    """What the planes say about the pose.
+
+    Returns:
+        The weighted sum of `J J^T` of the distances across the surface, about the centroid of b in frame a; the
+        weighted variance of these distances [m^2]; the sum of the weights that met a plane.
+    """
+    arm = (sample.points - sample.centroid[None, :]) @ T[:3, :3].T
+    gap, normal, planarity, is_match = meet(surface, sample, T)
+    squared = jnp.sum(gap * gap, axis=-1, dtype=gap.dtype) / (scale * scale)
+    weight = jnp.where(is_match, sample.weights * planarity / (1.0 + squared) ** 2, 0.0)
+    jacobian = jnp.concatenate([normal, jnp.cross(arm, normal)], axis=1)
+    distance = jnp.sum(gap * normal, axis=-1, dtype=gap.dtype)
+    total = jnp.sum(weight, dtype=weight.dtype)
+    total_safe = jnp.maximum(total, jnp.finfo(total.dtype).tiny)
+    variance = jnp.sum(weight * distance * distance, dtype=weight.dtype) / total_safe
+    return (jacobian * weight[:, None]).T @ jacobian, variance, total
