@@ -1,8 +1,8 @@
 """Timing that survives a noisy machine: rounds that interleave the candidates, medians, and what it ran on.
 
-Method: each candidate is called once to compile (reported apart), then in `rounds` rounds every candidate runs
-once, in an order that turns by one each round, so that slow spells of the machine hit all alike. The median is
-reported with the quartiles. Device arrays are waited for.
+Method: each candidate is called once to compile (reported apart), then in `rounds` rounds every candidate
+runs once, in an order that turns by one each round, so that slow spells of the machine hit all alike. The
+median is reported with the quartiles. Device arrays are waited for.
 """
 
 from __future__ import annotations

@@ -29,8 +29,8 @@ def map_facts(grid: VoxelGrid) -> dict:
     return {
         "voxel_size": grid.voxel_size,
         "shape": list(grid.shape),
-        "low": [round(float(value), 6) for value in low],
-        "high": [round(float(value), 6) for value in high],
+        "low": [round(float(value), 4) for value in low],
+        "high": [round(float(value), 4) for value in high],
         "counts": counts,
         "shares": {name: count / max(total, 1) for name, count in counts.items()},
         "log_odds": grid.log_odds is not None,

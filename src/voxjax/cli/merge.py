@@ -12,6 +12,7 @@ import numpy as np
 from .._checks import InputError
 from ..grid import VoxelGrid
 from ..io import read_map
+from ..pipeline.config import Config, config_from
 from ..pipeline.many import Merge, merge
 from ..pipeline.report import merge_report
 from ..view import check_page_support, draw_merge, encode_png, page_html
@@ -24,7 +25,7 @@ def run(args: argparse.Namespace) -> int:
     """Merge maps as the arguments say and return the exit code."""
     _check(args)
     guess = None if args.init_guess is None else parse_guess(args.init_guess)
-    config = None if args.config is None else read_config(args.config)
+    config = Config() if args.config is None else read_config(args.config)
     use_compilation_cache()
     progress = Progress(quiet=args.quiet)
     progress("read")
@@ -52,18 +53,20 @@ def run(args: argparse.Namespace) -> int:
     return 3
 
 
-def read_config(path: str) -> dict:
-    """Return the settings in a TOML file as nested dictionaries.
+def read_config(path: str) -> Config:
+    """Return the settings in a TOML file; what it does not name keeps its default.
 
     Raises:
-        InputError: If the file cannot be read or is no TOML.
+        InputError: If the file cannot be read, is no TOML, or sets what does not exist.
     """
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        return config_from(tomllib.loads(Path(path).read_text(encoding="utf-8")))
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}.") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path} is no TOML file: {error}.") from error
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
 
 
 def summary(merged: Merge, names: Sequence[str]) -> list[str]:

@@ -1,0 +1,108 @@
+"""`voxjax demo`: three generated robots, one map, checked against the truth."""
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from .._checks import InputError
+from ..grid import VoxelGrid
+from ..pipeline.many import merge
+from ..pipeline.report import merge_report
+from ..synthetic import Team, simulate_team
+from ..view import draw_merge, encode_png
+from .merge import summary
+from .outputs import check_outputs, map_bytes, write_outputs
+from .runtime import Progress, use_compilation_cache
+
+MAX_DEGREES = 3.0
+MAX_METRES = 0.4
+
+
+class PoseError(NamedTuple):
+    """How far a pose is from the truth: angle [deg], and distance at the middle of the map [m]."""
+
+    degrees: float
+    metres: float
+
+    @property
+    def is_right(self) -> bool:
+        """Whether the pose is as good as the maps, whose positions drift by centimetres, allow."""
+        return self.degrees <= MAX_DEGREES and self.metres <= MAX_METRES
+
+
+def run(args: argparse.Namespace) -> int:
+    """Generate, merge, compare, draw; return the exit code."""
+    start = time.perf_counter()
+    folder = _folder(args.out)
+    names = [f"robot_{n}.bt" for n in (1, 2, 3)]
+    paths = {name: str(folder / name) for name in [*names, "fused.bt", "report.json", "picture.png"]}
+    check_outputs([(path, (Path(path).suffix,)) for path in paths.values()], force=args.force)
+    use_compilation_cache()
+    progress = Progress(quiet=args.quiet)
+    progress("generate a building and scan it with three robots")
+    team = simulate_team(args.seed, num_robots=3, frame="tilt")
+    merged = merge(team.grids, on_stage=progress)
+    progress("draw and write")
+    contents = {paths[name]: map_bytes(name, grid) for name, grid in zip(names, team.grids, strict=True)}
+    report = merge_report(merged, team.grids, [paths[name] for name in names])
+    contents[paths["report.json"]] = (json.dumps(report, indent=1, allow_nan=False) + "\n").encode()
+    if merged.grid is not None:
+        contents[paths["fused.bt"]] = map_bytes("fused.bt", merged.grid)
+        labels = [name.removesuffix(".bt").replace("_", " ") for name in names]
+        picture = draw_merge(team.grids, merged.poses, merged.grid, names=labels)
+        contents[paths["picture.png"]] = encode_png(picture)
+    write_outputs(contents, force=args.force)
+    progress.finish()
+    for line in summary(merged, names):
+        print(line)
+    errors = pose_errors(team, merged.poses)
+    for name, error in zip(names[1:], errors, strict=True):
+        found = "not merged" if error is None else f"{error.metres:.3f} m and {error.degrees:.2f} deg"
+        print(f"{name} against the truth: {found}")
+    print(f"{len(contents)} files in {folder}, {time.perf_counter() - start:.1f} s")
+    if merged.status != "merged":
+        print(f"voxjax: not all maps were merged: {merged.reason}", file=sys.stderr)
+        return 3
+    if not all(error is not None and error.is_right for error in errors):
+        print(f"voxjax: a pose is off by more than {MAX_DEGREES} deg or {MAX_METRES} m.", file=sys.stderr)
+        return 1
+    return 0
+
+
+def pose_errors(team: Team, poses: Sequence[np.ndarray | None]) -> list[PoseError | None]:
+    """Errors of the later maps' poses relative to the first map; None where either was left out."""
+    errors: list[PoseError | None] = []
+    for number in range(1, len(team.grids)):
+        first, other, truth = poses[0], poses[number], team.true_pose(0, number)
+        if first is None or other is None or truth is None:
+            errors.append(None)
+        else:
+            found = np.linalg.inv(np.asarray(first, np.float64)) @ np.asarray(other, np.float64)
+            errors.append(pose_error(found, truth, team.grids[number]))
+    return errors
+
+
+def pose_error(found: np.ndarray, truth: np.ndarray, grid: VoxelGrid) -> PoseError:
+    """How far the pose (4, 4) of a map is from its true one."""
+    cosine = (np.trace(found[:3, :3].T @ truth[:3, :3]) - 1.0) / 2.0
+    centre = np.append(grid.occupied_points().mean(axis=0, dtype=np.float64), 1.0)
+    return PoseError(
+        degrees=float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))),
+        metres=float(np.linalg.norm((found - truth) @ centre)),
+    )
+
+
+def _folder(name: str) -> Path:
+    """The folder for the files, made if it is missing."""
+    folder = Path(name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"the folder {folder} cannot be made: {error.strerror}.") from error
+    return folder
