@@ -125,7 +125,7 @@ class VoxelGrid(eqx.Module):
         return np.floor(offset).astype(np.int32)
 
     def crop_to_known(self, margin: int = 0) -> VoxelGrid:
-        """Cut to the bounding box of the free and occupied voxels, and `margin` voxels where the grid has them.
+        """Cut to the box around the free and occupied voxels, and `margin` voxels where the grid has them.
 
         A grid with nothing known becomes one unknown voxel at the same origin.
         """

@@ -16,9 +16,14 @@ def test_a_file_appears_whole(tmp_path):
 def test_a_file_that_fails_midway_leaves_nothing_and_keeps_the_old(tmp_path):
     path = tmp_path / "a.bin"
     path.write_bytes(b"old")
-    with pytest.raises(RuntimeError, match="midway"), open_atomic(path, force=True) as file:
-        file.write(b"half")
-        raise RuntimeError("midway")
+
+    def fail_midway() -> None:
+        with open_atomic(path, force=True) as file:
+            file.write(b"half")
+            raise RuntimeError("midway")
+
+    with pytest.raises(RuntimeError, match="midway"):
+        fail_midway()
     assert path.read_bytes() == b"old"
     assert os.listdir(tmp_path) == ["a.bin"]
 
@@ -35,9 +40,14 @@ def test_nothing_is_overwritten_without_force(tmp_path):
 
 def test_a_file_made_meanwhile_is_not_overwritten(tmp_path):
     path = tmp_path / "a.bin"
-    with pytest.raises(InputError, match="exists already"), open_atomic(path, force=False) as file:
-        file.write(b"ours")
-        path.write_bytes(b"theirs")
+
+    def write_while_another_does() -> None:
+        with open_atomic(path, force=False) as file:
+            file.write(b"ours")
+            path.write_bytes(b"theirs")
+
+    with pytest.raises(InputError, match="exists already"):
+        write_while_another_does()
     assert path.read_bytes() == b"theirs"
     assert os.listdir(tmp_path) == ["a.bin"]
 

@@ -96,7 +96,7 @@ def test_a_grid_is_written_as_the_centres_of_its_occupied_voxels():
         (TWO + np.full(6, np.inf, "<f4").tobytes(), "infinite"),
         (header("binary_little_endian", "element vertex 99999999999999", *XYZ), "truncated"),
         (
-            header("binary_little_endian", "element face 0", "property list int int i", "element vertex 0", *XYZ),
+            header("binary_big_endian", "element f 0", "property list int int i", "element vertex 0", *XYZ),
             "cannot be skipped",
         ),
     ],

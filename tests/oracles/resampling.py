@@ -25,9 +25,8 @@ def trilinear(values: np.ndarray, affine: np.ndarray, shape: tuple) -> np.ndarra
     for index in np.ndindex(*shape):
         at = affine.astype(np.float64) @ np.append(np.array(index) + 0.5, 1.0) - 0.5
         for corner in np.ndindex(*values.shape):
-            target[index] += values[corner] * math.prod(
-                max(0.0, 1.0 - abs(at[a] - corner[a])) for a in range(3)
-            )
+            weights = [max(0.0, 1.0 - abs(at[a] - corner[a])) for a in range(3)]
+            target[index] += values[corner] * math.prod(weights)
     return target
 
 
@@ -35,6 +34,6 @@ def coarser(states: np.ndarray, low: np.ndarray, ratio: float) -> dict:
     """{new cell: state} where each voxel `low + index` goes where its centre lies; old size = `ratio` * new size."""
     cells: dict = {}
     for index, state in np.ndenumerate(states):
-        cell = tuple(math.floor((k + i + 0.5) * ratio + 1e-6) for k, i in zip(low, index, strict=True))
+        cell = tuple(math.floor((low[a] + index[a] + 0.5) * ratio + 1e-6) for a in range(3))
         cells.setdefault(cell, []).append(int(state))
     return {cell: 2 if 2 in parts else 1 if 1 in parts else 0 for cell, parts in cells.items()}

@@ -63,7 +63,7 @@ def fuse(
         shape, "the fused map", "check the poses, leave out far maps, or give a larger voxel_size"
     )
     sources = [
-        _source(grid, T, voxel_size, low, bound[0][0], bound[1][0])
+        _source(grid, T, voxel_size, low, bound)
         for grid, T, bound in zip(grids, matrices, bounds, strict=True)
         if (bound[1] > bound[0]).all()
     ]
@@ -82,11 +82,11 @@ class _Source(NamedTuple):
 
 
 def _source(
-    grid: VoxelGrid, T: np.ndarray, voxel_size: float, low: np.ndarray, own_low: int, own_high: int
+    grid: VoxelGrid, T: np.ndarray, voxel_size: float, low: np.ndarray, bound: tuple[np.ndarray, np.ndarray]
 ) -> _Source:
     log_odds = None if grid.log_odds is None else flat_source(np.asarray(grid.log_odds))
     affine = source_from_target(T, np.asarray(grid.origin), grid.voxel_size, low, voxel_size)
-    x_range = int(own_low - low[0]), int(own_high - low[0])
+    x_range = int(bound[0][0] - low[0]), int(bound[1][0] - low[0])
     shape = np.asarray(grid.shape, np.int32)
     return _Source(flat_source(np.asarray(grid.states)), log_odds, shape, affine, x_range)
 

@@ -1,0 +1,168 @@
+"""Rigid resampling: laws and the voxel-by-voxel definition."""
+
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from oracles import resampling as oracle
+from voxjax import InputError
+from voxjax.ops.resample import resample_nearest, resample_rigid, resample_trilinear, source_from_target
+
+SIZE = 0.1
+CUBE_ROTATIONS = [
+    np.eye(3)[list(axes)] * np.array(signs)[:, None]
+    for axes in itertools.permutations(range(3))
+    for signs in itertools.product((1, -1), repeat=3)
+    if np.linalg.det(np.eye(3)[list(axes)] * np.array(signs)[:, None]) > 0
+]
+
+
+def make_pose(rotation=None, translation=(0.0, 0.0, 0.0)) -> np.ndarray:
+    T = np.eye(4, dtype=np.float32)
+    T[:3, :3] = np.eye(3) if rotation is None else rotation
+    T[:3, 3] = translation
+    return T
+
+
+def make_states(seed=0, shape=(6, 5, 4)) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 3, shape).astype(np.uint8)
+
+
+def test_the_cube_has_24_rotations():
+    assert len(CUBE_ROTATIONS) == 24
+
+
+@pytest.mark.parametrize("rotation", CUBE_ROTATIONS)
+def test_rotations_of_the_cube_with_whole_shifts_are_exact(rotation):
+    states, low, shift = make_states(), np.array([3, -7, 11]), np.array([4, 0, -9])
+    moved, origin, _ = resample_rigid(
+        states, (low * SIZE).astype(np.float32), SIZE, make_pose(rotation, shift * SIZE)
+    )
+    centres = (np.argwhere(states >= 0) + low + 0.5) @ rotation.T + shift
+    index = np.rint(centres - 0.5 - np.rint(origin / SIZE)).astype(int)
+    expected = np.zeros_like(moved)
+    expected[tuple(index.T)] = states.reshape(-1)
+    assert moved.size == states.size
+    np.testing.assert_array_equal(moved, expected)
+
+
+def test_a_whole_rotation_and_its_inverse_give_the_grid_back():
+    states, origin = make_states(), np.array([0.3, -0.7, 1.1], np.float32)
+    log_odds = np.random.default_rng(1).normal(size=states.shape).astype(np.float32)
+    T = make_pose(CUBE_ROTATIONS[7], (0.5, 0.1, -2.0))
+    there = resample_rigid(states, origin, SIZE, T, log_odds)
+    back = resample_rigid(*there[:2], SIZE, np.linalg.inv(T), there[2])
+    np.testing.assert_array_equal(back[0], states)
+    np.testing.assert_allclose(back[1], origin, atol=1e-6)
+    np.testing.assert_array_equal(back[2], log_odds)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=10, deadline=None)
+def test_any_motion_looks_up_the_voxel_that_holds_the_centre_moved_back(seed):
+    rng = np.random.default_rng(seed)
+    states = make_states(seed)
+    T = make_pose(Rotation.random(rng=rng).as_matrix(), rng.uniform(-3, 3, 3))
+    low = rng.integers(-20, 20, 3)
+    moved, origin, _ = resample_rigid(states, (low * SIZE).astype(np.float32), SIZE, T)
+    cell = np.rint(origin / SIZE).astype(int)
+    np.testing.assert_allclose(cell * SIZE, origin, atol=1e-5)
+    expected = oracle.nearest(states, low * SIZE, SIZE, T, cell, moved.shape)
+    assert np.mean(moved != expected) < 0.01  # float32 may round a centre over a border
+    wider = oracle.nearest(states, low * SIZE, SIZE, T, cell - 2, tuple(side + 4 for side in moved.shape))
+    wider[2:-2, 2:-2, 2:-2] = 0
+    assert not wider.any(), "known voxels lie outside the result"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_rotated_solid_has_no_holes(seed):
+    rng = np.random.default_rng(seed)
+    states = np.full((20, 20, 20), 2, np.uint8)
+    T = make_pose(Rotation.random(rng=rng).as_matrix(), rng.uniform(-3, 3, 3))
+    moved, origin, _ = resample_rigid(states, np.zeros(3, np.float32), SIZE, T)
+    centres = (np.argwhere(moved >= 0) + 0.5) * SIZE + origin
+    inside = (centres - T[:3, 3]) @ T[:3, :3]
+    is_inside = ((inside > 0.01) & (inside < 20 * SIZE - 0.01)).all(axis=1).reshape(moved.shape)
+    assert (moved[is_inside] == 2).all()
+    assert abs(int((moved == 2).sum()) - 8000) < 80
+
+
+def test_a_half_voxel_shift_neither_doubles_nor_drops_a_layer():
+    states = np.repeat(np.arange(60) % 3, 4).reshape(60, 2, 2).astype(np.uint8)
+    moved, _, _ = resample_rigid(states, np.array([0.05, 0, 0], np.float32), SIZE, make_pose())
+    layers = moved[:, 0, 0]
+    assert any(np.array_equal(layers[k : k + 60], states[:, 0, 0]) for k in range(len(layers) - 59))
+
+
+def test_a_large_grid_in_several_chunks_equals_the_whole_grid_kernel():
+    states = make_states(3, (140, 130, 90))
+    T = make_pose(Rotation.from_euler("z", 0.3).as_matrix(), (1.0, 2.0, 3.0))
+    moved, origin, _ = resample_rigid(states, np.zeros(3, np.float32), SIZE, T)
+    assert moved.size > 1 << 20
+    affine = source_from_target(T, np.zeros(3, np.float32), SIZE, np.rint(origin / SIZE), SIZE)
+    whole = np.asarray(resample_nearest(states, affine, target_shape=moved.shape))
+    assert np.mean(moved != whole) < 1e-4  # sums in another order
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.bool_, np.int32, np.float32])
+def test_nearest_keeps_the_dtype_and_is_vmapped(dtype):
+    values = make_states().astype(dtype)
+    affine = jnp.asarray(np.eye(4, dtype=np.float32)[:3])
+    out = jax.vmap(lambda v: resample_nearest(v, affine, target_shape=(7, 5, 3)))(jnp.stack([values, values]))
+    assert out.dtype == dtype
+    np.testing.assert_array_equal(out[1, :6], values[:, :, :3])
+    assert not np.asarray(out[:, 6:]).any()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_trilinear_is_linear_between_centres(seed):
+    rng = np.random.default_rng(seed)
+    values = rng.normal(size=(4, 3, 5)).astype(np.float32)
+    affine = np.concatenate([Rotation.random(rng=rng).as_matrix(), rng.uniform(0, 3, (3, 1))], 1).astype(
+        np.float32
+    )
+    out = resample_trilinear(values, affine, target_shape=(4, 4, 4))
+    np.testing.assert_allclose(out, oracle.trilinear(values, affine, (4, 4, 4)), atol=2e-5)
+
+
+def test_trilinear_gradients_are_those_of_finite_differences():
+    rng = np.random.default_rng(0)
+    ramp = np.stack(np.meshgrid(*3 * [np.arange(8)], indexing="ij")).astype(np.float32)
+    values = jnp.asarray(ramp[0] * ramp[1] + 0.3 * ramp[2])
+    affine = jnp.asarray(np.concatenate([np.eye(3), [[2.2], [1.7], [2.4]]], 1), jnp.float32)
+
+    def total(values, affine):
+        return jnp.sum(resample_trilinear(values, affine, target_shape=(2, 2, 2)) ** 2, dtype=jnp.float32)
+
+    by_values, by_pose = jax.grad(total, argnums=(0, 1))(values, affine)
+    for argument, gradient, step in ((0, by_values, 1e-1), (1, by_pose, 1e-3)):
+        direction = jnp.asarray(rng.normal(size=gradient.shape), jnp.float32)
+        ends = [
+            total(*(a + s * step * direction if n == argument else a for n, a in enumerate((values, affine))))
+            for s in (1.0, -1.0)
+        ]
+        slope = float(ends[0] - ends[1]) / (2 * step)
+        np.testing.assert_allclose(float(jnp.sum(gradient * direction)), slope, rtol=1e-2)
+
+
+def test_maps_of_nothing_become_one_unknown_voxel():
+    T = make_pose(Rotation.from_euler("z", 0.3).as_matrix())
+    for shape in ((3, 3, 3), (0, 2, 2)):
+        moved, _, odds = resample_rigid(
+            np.zeros(shape, np.uint8), np.zeros(3, np.float32), SIZE, T, np.zeros(shape, np.float32)
+        )
+        assert moved.shape == odds.shape == (1, 1, 1)
+        assert not moved.any()
+
+
+def test_a_result_that_fits_no_memory_is_refused():
+    T = make_pose(Rotation.from_euler("xyz", (0.5, 0.6, 0.7)).as_matrix())
+    states = np.broadcast_to(np.uint8(1), (1, 1, 1 << 22))
+    with pytest.raises(InputError, match="crop it"):
+        resample_rigid(states, np.zeros(3, np.float32), SIZE, T)
