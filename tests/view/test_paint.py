@@ -75,14 +75,13 @@ def test_empty_maps_are_blank():
 
 
 def test_the_view_from_above_has_y_up_and_x_to_the_right():
-    occupied = np.zeros((10, 10, 3), bool)
-    occupied[9, :, 0] = occupied[:, 9, 0] = True
-    picture = paint_top(
-        occupied, np.ones_like(occupied), np.zeros((10, 10, 3), np.uint8), width=100, height=100
-    )
-    assert picture[5, 50].max() < 60  # y = 9 lies at the top
-    assert picture[50, 95].max() < 60  # x = 9 lies at the right
-    assert picture[95, 5].min() > 200
+    occupied = np.zeros((20, 20, 3), bool)
+    occupied[19, :, 0] = occupied[:, 19, 0] = True
+    color = np.zeros((20, 20, 3), np.uint8)
+    picture = paint_top(occupied, np.ones_like(occupied), color, width=100, height=100)
+    assert picture[2, 50].max() < 60  # y = 19 lies at the top
+    assert picture[50, 97].max() < 60  # x = 19 lies at the right
+    assert picture[97, 2].min() > 200
 
 
 def test_a_ceiling_is_cut_and_an_open_terrain_is_not():

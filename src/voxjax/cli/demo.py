@@ -46,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
     use_compilation_cache()
     progress = Progress(quiet=args.quiet)
     progress("generate a building and scan it with three robots")
-    team = simulate_team(args.seed, num_robots=3, frame="tilt")
+    team = simulate_team(args.seed, num_robots=3, overlap=0.2)
     merged = merge(team.grids, on_stage=progress)
     progress("draw and write")
     contents = {paths[name]: map_bytes(name, grid) for name, grid in zip(names, team.grids, strict=True)}

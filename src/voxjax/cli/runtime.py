@@ -1,5 +1,6 @@
 """What every command that computes sets up: the compilation cache and the progress display."""
 
+import io
 import os
 import sys
 import time
@@ -28,7 +29,7 @@ class Progress:
     stage that has ended.
     """
 
-    def __init__(self, *, quiet: bool = False, stream: TextIO | None = None):
+    def __init__(self, *, quiet: bool = False, stream: TextIO | io.TextIOBase | None = None):
         self._stream = None if quiet else (stream or sys.stderr)
         self._is_terminal = bool(self._stream and self._stream.isatty())
         self._stage: str | None = None

@@ -10,6 +10,9 @@ from .colors import BACKGROUND, FREE_TINT
 
 _FACE_LIGHT = np.asarray([1.0, 0.80, 0.62])  # top, left, right
 _MAX_PIXELS = 24_000_000
+_MAX_SHRINK, _MAX_ENLARGE = 32, 16
+_BORDER = 5
+"""Free space shown around what is occupied, from above [voxel]."""
 
 
 def ceiling_cut(is_occupied: Bool[np.ndarray, "x y z"], *, share: float = 0.7) -> int:
@@ -91,10 +94,11 @@ def paint_top(
     picture[is_free.any(axis=2)] = FREE_TINT
     light = np.clip(0.94 + 0.05 * (np.roll(top, 1, axis=0) - top) * -1.0, 0.72, 1.08)
     picture[has_wall] = np.clip(color[has_wall] * light[has_wall][:, None], 0, 255)
-    known = np.argwhere(has_wall | is_free.any(axis=2))
+    # Rays that left the house through a window reach far: what is occupied decides what is shown.
+    known = np.argwhere(has_wall if has_wall.any() else is_free.any(axis=2))
     if not len(known):
         return np.full((height, width, 3), BACKGROUND, np.uint8)
-    low, high = known.min(axis=0), known.max(axis=0) + 1
+    low, high = np.maximum(known.min(axis=0) - _BORDER, 0), known.max(axis=0) + 1 + _BORDER
     picture = picture[low[0] : high[0], low[1] : high[1]].transpose(1, 0, 2)[::-1]
     zoom, factor = _best_scale((float(picture.shape[1]), float(picture.shape[0])), width, height)
     picture = picture.repeat(zoom, axis=0).repeat(zoom, axis=1)
@@ -102,17 +106,16 @@ def paint_top(
 
 
 def _best_scale(spans: tuple[float, float], width: int, height: int) -> tuple[int, int]:
-    """The pair (enlarge, shrink) of whole factors that fills the picture best without leaving it."""
-    best = (0.0, 1, 1)
-    for factor in range(2, 33):
-        fits = int(min(width * factor / spans[0], height * factor / spans[1]))
-        for enlarge in {min(fits, 12 * factor)}:
-            big = spans[0] * spans[1] * enlarge * enlarge
-            if enlarge >= 1 and (big <= _MAX_PIXELS or enlarge == 1) and enlarge / factor > best[0] + 1e-9:
-                best = (enlarge / factor, enlarge, factor)
-        if best[0] > 0.0 and factor >= 4:
-            break
-    return (best[1], best[2]) if best[0] > 0.0 else (1, 32)
+    """The whole factors (enlarge, shrink) that fill the picture best, at a bearable cost."""
+    best = (1, _MAX_SHRINK)
+    for shrink in range(2, _MAX_SHRINK + 1):
+        enlarge = min(int(min(width * shrink / spans[0], height * shrink / spans[1])), _MAX_ENLARGE)
+        is_small = spans[0] * spans[1] * enlarge * enlarge <= _MAX_PIXELS
+        if enlarge >= 1 and is_small and enlarge * best[1] > best[0] * shrink:
+            best = (enlarge, shrink)
+        if best[0] >= 5 or (shrink >= 4 and best[1] < _MAX_SHRINK):
+            break  # finer steps would not be seen
+    return best
 
 
 def _cube_stamp(half: int) -> list[tuple[int, int, int]]:
