@@ -63,9 +63,18 @@ class FakeRegister:
         first, second = self.number(a), self.number(b)
         self.calls.append(options)
         if options.get("on_stage") is not None:
-            options["on_stage"]("features")
+            options["on_stage"]("hypotheses")
         T = np.linalg.inv(self.world_poses[first]) @ self.world_poses[second]
         return registration(
             T, verdict=self.verdicts.get((first, second), "accepted"),
             confidence=self.confidences.get((first, second), 0.9),
         )  # fmt: skip
+
+    def install(self, monkeypatch):
+        """Take the place of the registration that `merge` calls, and of the features before it."""
+        from voxjax.pipeline import many
+
+        monkeypatch.setattr(many, "register", self)
+        monkeypatch.setattr(many, "register_prepared", self)
+        monkeypatch.setattr(many, "prepare", lambda grid, *, voxel_size: grid)
+        return self

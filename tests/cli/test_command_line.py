@@ -12,7 +12,6 @@ import pytest
 from fake_register import FakeRegister, cube_map, pose
 from voxjax import VoxelGrid, read_map, write_map
 from voxjax.cli.main import main
-from voxjax.pipeline import many
 
 WORLD = [pose(0.4 * n, (n, -2.0 * n, 0.0)) for n in range(3)]
 
@@ -32,9 +31,7 @@ def maps():
 
 
 def _fake(monkeypatch, **tables):
-    fake = FakeRegister([cube_map(n) for n in range(3)], WORLD, **tables)
-    monkeypatch.setattr(many, "register", fake)
-    return fake
+    return FakeRegister([cube_map(n) for n in range(3)], WORLD, **tables).install(monkeypatch)
 
 
 def _files():
@@ -84,7 +81,7 @@ def test_merge_writes_all_outputs_and_exits_with_0(monkeypatch, maps, capsys):
     assert report["voxel_size"] == read_map("out.bt").voxel_size
     assert _files() == [*maps, "out.bt", "p.png", "r.json"]
     shown = capsys.readouterr()
-    assert "maps 0 and 1: features" in shown.err
+    assert "maps 0 and 1: hypotheses" in shown.err
     assert "m1.npz: x 1.000, y -2.000, z 0.000 m" in shown.out
 
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fake_register import FakeRegister, cube_map, pose, registration
-from voxjax import InputError, merge
+from voxjax import InputError, VoxelGrid, merge
 from voxjax.pipeline import many
 
 WORLD = [pose(0.3 * n, (2.0 * n, -n, 0.5 * n)) for n in range(5)]
@@ -25,8 +25,7 @@ def maps():
 
 
 def _merge(monkeypatch, maps, **tables):
-    fake = FakeRegister(maps, WORLD, **tables)
-    monkeypatch.setattr(many, "register", fake)
+    fake = FakeRegister(maps, WORLD, **tables).install(monkeypatch)
     return merge(maps), fake
 
 
@@ -118,13 +117,35 @@ def test_ties_of_confidence_are_settled_by_evidence():
     assert [edge[:2] for edge in many.spanning_tree(3, pairs)] == [(0, 2), (1, 2)]
 
 
-def test_options_reach_every_pair_and_stages_are_named(monkeypatch, maps):
-    fake = FakeRegister(maps, WORLD)
-    monkeypatch.setattr(many, "register", fake)
+@pytest.mark.parametrize("preset", ["default", "paper"])
+def test_options_reach_every_pair_and_stages_are_named(monkeypatch, maps, preset):
+    fake = FakeRegister(maps, WORLD).install(monkeypatch)
     stages = []
-    merge(maps[:3], preset="paper", gravity_aligned=True, config=None, on_stage=stages.append)
-    assert all(call["preset"] == "paper" and call["gravity_aligned"] for call in fake.calls)
-    assert stages == [*(f"maps {a} and {b}: features" for a, b in ((0, 1), (0, 2), (1, 2))), "fuse"]
+    settings = {"source": {"descriptors": False}}
+    merge(maps[:3], preset=preset, gravity_aligned=True, config=settings, on_stage=stages.append)
+    assert all(call["gravity_aligned"] and not call["config"].source.descriptors for call in fake.calls)
+    assert all(call.get("preset", "default") == preset for call in fake.calls)
+    features = [f"features of map {n}" for n in range(3)] if preset == "default" else []
+    pairs = [f"maps {a} and {b}: hypotheses" for a, b in ((0, 1), (0, 2), (1, 2))]
+    assert stages == [*features, *pairs, "fuse"]
+
+
+def test_features_are_computed_once_a_map(monkeypatch, maps):
+    FakeRegister(maps, WORLD).install(monkeypatch)
+    prepared = []
+    monkeypatch.setattr(many, "prepare", lambda grid, *, voxel_size: prepared.append(voxel_size) or grid)
+    merge(maps)
+    assert prepared == [0.5] * len(maps)
+
+
+def test_a_map_with_nothing_occupied_is_left_out(monkeypatch, maps):
+    empty = VoxelGrid(np.ones((4, 4, 4), np.uint8), np.zeros(3, np.float32), 0.5)
+    known = [*maps[:2], empty]
+    refused = {(0, 2): "no_overlap", (1, 2): "no_overlap"}
+    FakeRegister(known, WORLD, verdicts=refused).install(monkeypatch)
+    merged = merge(known)
+    assert merged.status == "partial"
+    assert merged.poses[2] is None
 
 
 def test_too_few_maps_and_misplaced_guesses_are_refused(maps):

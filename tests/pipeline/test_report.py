@@ -8,7 +8,7 @@ import pytest
 
 from fake_register import FakeRegister, cube_map, pose
 from voxjax import merge
-from voxjax.pipeline import many, report
+from voxjax.pipeline import report
 
 PAIR_KEYS = {
     "a", "b", "accepted", "reason", "T_a_b", "confidence", "covariance", "num_associations", "clique_size",
@@ -18,8 +18,8 @@ PAIR_KEYS = {
 
 def _report(monkeypatch, verdict):
     maps = [cube_map(0), cube_map(1)]
-    fake = FakeRegister(maps, [np.eye(4), pose(0.2, (1.0, 2.0, 0.0))], verdicts={(0, 1): verdict})
-    monkeypatch.setattr(many, "register", fake)
+    poses = [np.eye(4), pose(0.2, (1.0, 2.0, 0.0))]
+    FakeRegister(maps, poses, verdicts={(0, 1): verdict}).install(monkeypatch)
     return report.merge_report(merge(maps), maps, ["a.bt", "b.bt"], seconds={"read": 0.25})
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import equinox as eqx
 import numpy as np
@@ -14,10 +14,8 @@ from .._checks import InputError
 from ..fusion.fuse import fuse
 from ..grid import VoxelGrid
 from ..registration.types import Registration
-from .pair import register
-
-if TYPE_CHECKING:
-    from .config import Config
+from .config import Config, config_from
+from .pair import prepare, register, register_prepared, working_voxel_size
 
 Status = Literal["merged", "partial", "no_overlap"]
 OnStage = Callable[..., None]
@@ -49,7 +47,7 @@ class Merge(eqx.Module):
         pairs: (a, b, registration) for each pair that was tried, a < b.
         status: "merged" all maps, "partial" some of them, "no_overlap" none.
         loops: Disagreement of the accepted pairs outside the tree; empty with two maps.
-        seconds: {stage: s}: "register", "fuse" and their sum "total".
+        seconds: {stage: s}: "features", "register", "fuse" and their sum "total".
     """
 
     grid: VoxelGrid | None
@@ -111,14 +109,23 @@ def merge(
         raise InputError(
             f"init_guess is the pose of one pair, so it needs exactly two maps, got {len(grids)}."
         )
-    start = time.perf_counter()
+    settings, announce = config_from(config), on_stage or _silent
     options: dict[str, Any] = {
-        "preset": preset, "gravity_aligned": gravity_aligned, "init_guess": init_guess, "config": config,
-    }  # fmt: skip
+        "gravity_aligned": gravity_aligned,
+        "init_guess": init_guess,
+        "config": settings,
+    }
+    start = time.perf_counter()
+    features = _features_of_all(grids, settings, announce) if preset == "default" else None
+    prepared = time.perf_counter()
     pairs = []
     for a, b in itertools.combinations(range(len(grids)), 2):
         hook = None if on_stage is None else _named_hook(on_stage, f"maps {a} and {b}")
-        pairs.append((a, b, register(grids[a], grids[b], on_stage=hook, **options)))
+        if features is None or features[a] is None or features[b] is None:
+            found = register(grids[a], grids[b], preset=preset, on_stage=hook, **options)
+        else:
+            found = register_prepared(features[a], features[b], on_stage=hook, **options)
+        pairs.append((a, b, found))
     registered = time.perf_counter()
 
     tree = spanning_tree(len(grids), pairs)
@@ -126,15 +133,17 @@ def merge(
     chosen = [number for number, pose in enumerate(poses) if pose is not None]
     grid = None
     if chosen:
-        if on_stage is not None:
-            on_stage("fuse")
+        announce("fuse")
         grid = fuse([grids[n] for n in chosen], [poses[n] for n in chosen], rule=rule)
     end = time.perf_counter()
     status: Status = "no_overlap" if not chosen else "merged" if len(chosen) == len(grids) else "partial"
     return Merge(
         grid=grid, poses=tuple(poses), pairs=tuple(pairs), status=status,
         loops=tuple(loop_errors(grids, poses, pairs, tree)),
-        seconds={"register": registered - start, "fuse": end - registered, "total": end - start},
+        seconds={
+            "features": prepared - start, "register": registered - prepared, "fuse": end - registered,
+            "total": end - start,
+        },
     )  # fmt: skip
 
 
@@ -203,6 +212,23 @@ def loop_errors(
             radians=float(np.arccos(np.clip(cosine, -1.0, 1.0))),
         ))  # fmt: skip
     return errors
+
+
+def _features_of_all(grids: Sequence[VoxelGrid], settings: Config, announce: OnStage) -> list[Any]:
+    """Features of each map, computed once for all its pairs; None for a map with nothing occupied."""
+    filled = [grid for grid in grids if grid.num_occupied]
+    if not filled:
+        return [None] * len(grids)
+    voxel_size = working_voxel_size(filled, settings)
+    features = []
+    for number, grid in enumerate(grids):
+        announce(f"features of map {number}")
+        features.append(prepare(grid, voxel_size=voxel_size) if grid.num_occupied else None)
+    return features
+
+
+def _silent(stage: str) -> None:
+    """Announce nothing."""
 
 
 def _named_hook(on_stage: OnStage, prefix: str) -> OnStage:
