@@ -1,32 +1,11 @@
 """Candidate associations: index pairs (corner of a, corner of b) that a search may choose from."""
 
-from typing import Protocol, runtime_checkable
-
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Int, UInt8
 
 from .._checks import InputError
 from .._types import Array
-
-
-@runtime_checkable
-class CornerList(Protocol):
-    """What matching reads of `voxjax.Corners`: positions, frames and which rows count."""
-
-    @property
-    def position(self) -> Array:
-        """float32 (n, 3) [m]."""
-        ...
-
-    @property
-    def normals(self) -> Array:
-        """float32 (n, 3, 3): unit rows into free space."""
-        ...
-
-    @property
-    def mask(self) -> Array:
-        """Bool (n,): which rows are corners."""
-        ...
+from ..features.types import KIND_UNKNOWN
 
 
 def all_associations(mask_a: Bool[Array, "n"], mask_b: Bool[Array, "m"]) -> np.ndarray:
@@ -42,6 +21,21 @@ def all_associations(mask_a: Bool[Array, "n"], mask_b: Bool[Array, "m"]) -> np.n
     rows_a = np.flatnonzero(np.asarray(mask_a)).astype(np.int32)
     rows_b = np.flatnonzero(np.asarray(mask_b)).astype(np.int32)
     return np.stack(np.meshgrid(rows_a, rows_b, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def same_kind(
+    associations: Int[Array, "k 2"], convexity_a: UInt8[Array, "n"], convexity_b: UInt8[Array, "m"]
+) -> np.ndarray:
+    """The associations whose corners have equally many convex edges, as far as that is known.
+
+    Args:
+        associations: Index pairs.
+        convexity_a: `Corners.convexity` of a.
+        convexity_b: The same of b.
+    """
+    pairs = np.asarray(associations)
+    kind_a, kind_b = np.asarray(convexity_a)[pairs[:, 0]], np.asarray(convexity_b)[pairs[:, 1]]
+    return pairs[(kind_a == kind_b) | (kind_a == KIND_UNKNOWN) | (kind_b == KIND_UNKNOWN)]
 
 
 def check_associations(associations: Int[Array, "k 2"], count_a: int, count_b: int) -> np.ndarray:

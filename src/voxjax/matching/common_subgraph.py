@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from .._checks import check_choice
 from .._results import RESULTS
 from .._types import Array
-from .associations import CornerList
+from ..features.types import Corners
 from .backtracking import MAX_SEARCH_NODES as MAX_BACKTRACKING_NODES
 from .backtracking import Extend, backtrack
 from .clique import MAX_SEARCH_NODES as MAX_CLIQUE_NODES
@@ -64,13 +64,14 @@ class CommonSubgraph(eqx.Module):
 
 
 def maximum_common_subgraph(
-    corners_a: CornerList,
-    corners_b: CornerList,
+    corners_a: Corners,
+    corners_b: Corners,
     *,
     distance_tolerance: float,
     method: Literal["clique", "backtracking"] = "clique",
     angle_tolerance: float | None = None,
     min_distance: float = 0.0,
+    match_kinds: bool = False,
     associations: Int[Array, "k 2"] | None = None,
     early_transform: bool = False,
     align: Align | None = None,
@@ -88,6 +89,7 @@ def maximum_common_subgraph(
         method: "clique": branch and bound on the association graph; "backtracking": Algorithm 1 as in the paper.
         angle_tolerance: If given [rad], frames of corners must agree too, see `consistency_graph`.
         min_distance: See `consistency_graph` [m].
+        match_kinds: See `consistency_graph`.
         associations: Candidates, or None for all pairs.
         early_transform: Backtracking only: with five matches, let their transform give the rest of the scheme.
         align: Transform of matched corners for it; None aligns the corners alone.
@@ -110,6 +112,7 @@ def maximum_common_subgraph(
         distance_tolerance=distance_tolerance,
         angle_tolerance=angle_tolerance,
         min_distance=min_distance,
+        match_kinds=match_kinds,
         associations=associations,
     )
     if method == "clique":

@@ -13,7 +13,8 @@ from jaxtyping import Bool, Float, Int, Int32
 from .._buckets import bucket_size, pad_rows
 from .._checks import InputError, check_positive
 from .._types import Array
-from .associations import CornerList, all_associations, check_associations
+from ..features.types import Corners
+from .associations import all_associations, check_associations, same_kind
 
 MAX_ASSOCIATIONS = 32768
 """More would take over a gigabyte; choose candidates first."""
@@ -41,12 +42,13 @@ class ConsistencyGraph(eqx.Module):
 
 
 def consistency_graph(
-    corners_a: CornerList,
-    corners_b: CornerList,
+    corners_a: Corners,
+    corners_b: Corners,
     *,
     distance_tolerance: float,
     angle_tolerance: float | None = None,
     min_distance: float = 0.0,
+    match_kinds: bool = False,
     associations: Int[Array, "k 2"] | None = None,
 ) -> ConsistencyGraph:
     """Pairwise compatibility of candidate associations of corners.
@@ -62,6 +64,7 @@ def consistency_graph(
             corners' normals) must also agree within it.
         min_distance: Pairs of corners nearer than this in either map [m] do not count as compatible: almost
             coincident corners agree with everything.
+        match_kinds: Whether only corners with equally many convex edges may match.
         associations: Candidates (k, 2), or None for all pairs.
 
     Returns:
@@ -75,6 +78,8 @@ def consistency_graph(
     """
     if associations is None:
         associations = all_associations(corners_a.mask, corners_b.mask)
+    if match_kinds:
+        associations = same_kind(associations, corners_a.convexity, corners_b.convexity)
     pairs = check_associations(associations, len(corners_a.mask), len(corners_b.mask))
     adjacency = pairwise_consistency(
         corners_a.position, corners_b.position, pairs, distance_tolerance=distance_tolerance,
