@@ -18,7 +18,7 @@ def hat(omega: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
 
 
 def _series_coefficients(angle_sq: Array) -> tuple[Array, Array, Array]:
-    """sin t / t, (1 - cos t) / t^2 and (t - sin t) / t^3 as smooth functions of t^2, also at zero."""
+    """Return sin t / t, (1 - cos t) / t^2 and (t - sin t) / t^3 as smooth functions of t^2, also at zero."""
     is_small = angle_sq < 1e-2
     angle_sq_safe = jnp.where(is_small, jnp.ones_like(angle_sq), angle_sq)
     t = jnp.sqrt(angle_sq_safe)
@@ -31,11 +31,15 @@ def _series_coefficients(angle_sq: Array) -> tuple[Array, Array, Array]:
     return a, b, c
 
 
+def _identity_like(matrices: Array) -> Array:
+    return jnp.broadcast_to(jnp.eye(3, dtype=matrices.dtype), matrices.shape)
+
+
 def exp_so3(omega: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
     """Rotation matrix of a rotation vector [rad]; smooth at zero."""
     a, b, _ = _series_coefficients(jnp.sum(omega * omega, axis=-1))
     skew = hat(omega)
-    return jnp.eye(3, dtype=omega.dtype) + a[..., None, None] * skew + b[..., None, None] * (skew @ skew)
+    return _identity_like(skew) + a[..., None, None] * skew + b[..., None, None] * (skew @ skew)
 
 
 def exp(tangent: Float[Array, "*batch 6"]) -> Float[Array, "*batch 4 4"]:
@@ -44,7 +48,7 @@ def exp(tangent: Float[Array, "*batch 6"]) -> Float[Array, "*batch 4 4"]:
     a, b, c = _series_coefficients(jnp.sum(omega * omega, axis=-1))
     skew = hat(omega)
     skew_sq = skew @ skew
-    identity = jnp.eye(3, dtype=tangent.dtype)
+    identity = _identity_like(skew)
     rotation = identity + a[..., None, None] * skew + b[..., None, None] * skew_sq
     left_jacobian = identity + b[..., None, None] * skew + c[..., None, None] * skew_sq
     return from_rotation_translation(rotation, (left_jacobian @ v[..., None])[..., 0])
@@ -77,7 +81,9 @@ def log_so3(rotation: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3"]:
     norm_sq = jnp.sum(v * v, axis=-1)
     is_small = norm_sq < 1e-8
     norm_safe = jnp.sqrt(jnp.where(is_small, jnp.ones_like(norm_sq), norm_sq))
-    scale = jnp.where(is_small, 2.0 / jnp.where(is_small, w, jnp.ones_like(w)), 2.0 * jnp.arctan2(norm_safe, w) / norm_safe)
+    scale = jnp.where(
+        is_small, 2.0 / jnp.where(is_small, w, jnp.ones_like(w)), 2.0 * jnp.arctan2(norm_safe, w) / norm_safe
+    )
     return v * scale[..., None]
 
 
@@ -86,7 +92,7 @@ def log(T: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 6"]:
     omega = log_so3(T[..., :3, :3])
     _, b, c = _series_coefficients(jnp.sum(omega * omega, axis=-1))
     skew = hat(omega)
-    left_jacobian = jnp.eye(3, dtype=T.dtype) + b[..., None, None] * skew + c[..., None, None] * (skew @ skew)
+    left_jacobian = _identity_like(skew) + b[..., None, None] * skew + c[..., None, None] * (skew @ skew)
     v = jnp.linalg.solve(left_jacobian, T[..., :3, 3:])[..., 0]
     return jnp.concatenate([v, omega], axis=-1)
 
@@ -108,4 +114,5 @@ def inverse(T: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 4 4"]:
 
 def apply(T: Float[Array, "4 4"], points: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
     """Points [m] moved by the pose: `p_a = T_a_b @ p_b`."""
-    return points @ jnp.swapaxes(T[:3, :3], 0, 1) + T[:3, 3]
+    moved = points @ jnp.swapaxes(T[:3, :3], 0, 1)
+    return moved + jnp.broadcast_to(T[:3, 3], moved.shape)

@@ -31,7 +31,7 @@ def trilinear(values: np.ndarray, affine: np.ndarray, shape: tuple) -> np.ndarra
 
 
 def coarser(states: np.ndarray, low: np.ndarray, ratio: float) -> dict:
-    """{new cell: state} where each voxel `low + index` goes where its centre lies; old size = `ratio` * new size."""
+    """{new cell: state}: voxel `low + index` goes where its centre lies; `ratio` is old size / new size."""
     cells: dict = {}
     for index, state in np.ndenumerate(states):
         cell = tuple(math.floor((low[a] + index[a] + 0.5) * ratio + 1e-6) for a in range(3))

@@ -1,0 +1,172 @@
+"""`VoxelGrid`: places of voxels, cropping, motions, checks and text."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import voxjax as vx
+from voxjax import InputError, VoxelGrid
+
+
+def make_grid(seed=0, shape=(5, 6, 7), with_log_odds=False) -> VoxelGrid:
+    rng = np.random.default_rng(seed)
+    states = rng.integers(0, 3, shape).astype(np.uint8)
+    log_odds = rng.normal(size=shape).astype(np.float32) if with_log_odds else None
+    return VoxelGrid(states, [0.2, -1.4, 3.0], 0.2, log_odds)
+
+
+def test_the_origin_is_the_outer_corner_and_centres_lie_half_a_voxel_further():
+    grid = VoxelGrid(np.zeros((2, 2, 2), np.uint8), [1.0, 2.0, 3.0], 0.5)
+    np.testing.assert_array_equal(grid.world_from_index(np.array([0, 1, 0])), [1.25, 2.75, 3.25])
+    low, high = grid.extent
+    np.testing.assert_array_equal(low, [1, 2, 3])
+    np.testing.assert_array_equal(high, [2, 3, 4])
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=20, deadline=None)
+def test_the_voxel_of_a_centre_is_the_voxel(seed):
+    rng = np.random.default_rng(seed)
+    grid = VoxelGrid(np.zeros((3, 3, 3), np.uint8), rng.uniform(-100, 100, 3), float(rng.uniform(0.02, 2)))
+    index = rng.integers(-500, 500, (20, 3)).astype(np.int32)
+    np.testing.assert_array_equal(grid.index_from_world(grid.world_from_index(index)), index)
+
+
+def test_occupied_voxels_are_listed_in_lexicographic_order():
+    grid = make_grid()
+    index = grid.occupied_index()
+    assert index.dtype == np.int32
+    assert len(index) == grid.num_occupied == int((np.asarray(grid.states) == 2).sum())
+    assert index.tolist() == sorted(index.tolist())
+    np.testing.assert_array_equal(grid.occupied_points(), grid.world_from_index(index))
+    assert grid.num_free == int((np.asarray(grid.states) == 1).sum())
+
+
+@pytest.mark.parametrize("margin", [0, 1, 9])
+def test_cropping_keeps_every_known_voxel_in_its_place(margin):
+    states = np.zeros((9, 8, 7), np.uint8)
+    states[3:6, 2:3, 4:6] = np.random.default_rng(0).integers(1, 3, (3, 1, 2))
+    log_odds = states.astype(np.float32)
+    grid = VoxelGrid(states, [0.2, -1.4, 3.0], 0.2, log_odds)
+    cropped = grid.crop_to_known(margin)
+    assert cropped.shape == {0: (3, 1, 2), 1: (5, 3, 4), 9: (9, 8, 7)}[margin]
+    np.testing.assert_allclose(cropped.occupied_points(), grid.occupied_points(), atol=1e-6)
+    assert (cropped.num_free, cropped.num_occupied) == (grid.num_free, grid.num_occupied)
+    np.testing.assert_array_equal(cropped.log_odds, cropped.states)
+
+
+@pytest.mark.parametrize("shape", [(4, 3, 2), (0, 3, 2), (1, 1, 1)])
+def test_a_map_of_nothing_crops_to_one_unknown_voxel(shape):
+    cropped = VoxelGrid(np.zeros(shape, np.uint8), [1.0, 2.0, 3.0], 0.1).crop_to_known()
+    assert cropped.shape == (1, 1, 1)
+    assert cropped.num_occupied == cropped.num_free == 0
+    np.testing.assert_array_equal(cropped.origin, [1, 2, 3])
+
+
+@pytest.mark.parametrize("with_log_odds", [False, True])
+def test_the_identity_moves_nothing(with_log_odds):
+    grid = make_grid(with_log_odds=with_log_odds)
+    assert grid.transformed(np.eye(4)) == grid
+
+
+def test_whole_voxel_shifts_move_the_origin_only():
+    grid = make_grid(with_log_odds=True)
+    T = np.eye(4)
+    T[:3, 3] = [0.4, -2.0, 0.2]
+    moved = grid.transformed(T)
+    np.testing.assert_array_equal(moved.states, grid.states)
+    np.testing.assert_array_equal(moved.log_odds, grid.log_odds)
+    np.testing.assert_allclose(moved.origin, np.asarray(grid.origin) + T[:3, 3], atol=1e-6)
+
+
+def test_moved_voxels_lie_where_the_pose_takes_their_centres():
+    grid = make_grid(3, (12, 13, 14))
+    c, s = np.cos(0.7), np.sin(0.7)
+    T = np.array([[c, -s, 0, 1], [s, c, 0, 2], [0, 0, 1, 0.1], [0, 0, 0, 1]])
+    moved = grid.transformed(T)
+    expected = grid.occupied_points() @ T[:3, :3].T + T[:3, 3]
+    from_moved = moved.occupied_points()
+    gap = np.linalg.norm(from_moved[:, None] - expected[None], axis=2).min(axis=1)
+    assert gap.max() <= 0.1 * np.sqrt(3) + 1e-5  # half a voxel along each axis of the source
+    assert len(from_moved) == pytest.approx(len(expected), rel=0.05)
+
+
+def test_change_of_resolution_keeps_the_places():
+    grid = make_grid()
+    assert grid.with_voxel_size(0.2) is grid
+    assert grid.with_voxel_size(0.1).with_voxel_size(0.2) == grid
+    coarse = grid.with_voxel_size(0.4)
+    parts = {tuple(i) for i in np.floor(grid.occupied_points() / 0.4 + 1e-6).astype(int).tolist()}
+    assert {tuple(i) for i in np.floor(coarse.occupied_points() / 0.4 + 1e-6).astype(int).tolist()} == parts
+
+
+def test_grids_are_equal_when_all_they_hold_is():
+    grid = make_grid()
+    assert grid == make_grid()
+    others = [
+        VoxelGrid(np.asarray(grid.states)[:-1], grid.origin, 0.2),
+        VoxelGrid(np.roll(np.asarray(grid.states), 1), grid.origin, 0.2),
+        VoxelGrid(grid.states, np.asarray(grid.origin) + 1, 0.2),
+        VoxelGrid(grid.states, grid.origin, 0.1),
+        make_grid(with_log_odds=True),
+    ]
+    assert all(grid != other for other in others)
+    assert grid != "a grid"
+
+
+def test_the_text_is_one_line_for_a_person():
+    text = repr(make_grid(with_log_odds=True))
+    assert "\n" not in text
+    for part in ("5 x 6 x 7", "0.2 m", "x 0.20..1.20", "occupied", "free", "with log-odds"):
+        assert part in text
+
+
+def test_a_grid_passes_through_jit_with_its_voxel_size_static():
+    grid = make_grid(with_log_odds=True)
+
+    @jax.jit
+    def shifted(g: VoxelGrid) -> VoxelGrid:
+        assert isinstance(g.voxel_size, float)
+        return VoxelGrid(g.states, g.origin + jnp.float32(g.voxel_size), g.voxel_size, g.log_odds)
+
+    moved = shifted(grid)
+    np.testing.assert_allclose(moved.origin, np.asarray(grid.origin) + 0.2, atol=1e-6)
+    np.testing.assert_array_equal(moved.states, grid.states)
+    assert moved.num_occupied == grid.num_occupied
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ((np.zeros((2, 2), np.uint8), np.zeros(3), 0.1), "three axes"),
+        ((np.zeros((2, 2, 2), np.int64), np.zeros(3), 0.1), "must be uint8"),
+        ((np.full((2, 2, 2), 3, np.uint8), np.zeros(3), 0.1), "got 3"),
+        ((np.zeros((2, 2, 2), np.uint8), np.zeros(2), 0.1), "origin must have shape"),
+        ((np.zeros((2, 2, 2), np.uint8), [0, np.nan, 0], 0.1), "origin must be finite"),
+        ((np.zeros((2, 2, 2), np.uint8), np.zeros(3), 0.0), "voxel_size"),
+        ((np.zeros((2, 2, 2), np.uint8), np.zeros(3), float("inf")), "voxel_size"),
+        ((np.zeros((2, 2, 2), np.uint8), np.zeros(3), 0.1, np.zeros((2, 2, 1))), "log_odds"),
+    ],
+)
+def test_misuse_is_refused_in_one_sentence(arguments, sentence):
+    with pytest.raises(InputError, match=sentence):
+        VoxelGrid(*arguments)
+
+
+def test_motions_that_are_not_rigid_are_refused():
+    for T in (np.eye(3), 2 * np.eye(4), np.diag([1.0, 1.0, -1.0, 1.0]), np.full((4, 4), np.nan)):
+        with pytest.raises(InputError, match="T must be a"):
+            make_grid().transformed(T)
+
+
+def test_clouds_become_grids_on_the_lattice():
+    grid = vx.VoxelGrid.from_points(np.array([[0.05, 0.05, 0.05], [0.55, -0.25, 0.05]]), voxel_size=0.1)
+    assert (grid.num_occupied, grid.num_free) == (2, 0)
+    np.testing.assert_allclose(
+        sorted(grid.occupied_points().tolist()), [[0.05, 0.05, 0.05], [0.55, -0.25, 0.05]], atol=1e-6
+    )
+    with pytest.raises(InputError, match="voxel_size"):
+        vx.VoxelGrid.from_points(np.zeros((1, 3)), voxel_size=-1.0)
