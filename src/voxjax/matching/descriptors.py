@@ -1,0 +1,221 @@
+"""Surface points of a map with local descriptors, computed once a map, and their mutual matches with another map.
+
+The occupied voxels are averaged on a working lattice two to three voxels wide, described at two scales, and matched
+scale by scale. Everything is padded to a ladder of sizes, so that another map compiles nothing new.
+"""
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.ndimage import uniform_filter
+from scipy.spatial import cKDTree
+
+from .._buckets import bucket_size, pad_rows
+from .._checks import InputError, check_positive
+from .._types import FREE, Array
+from ..grid import VoxelGrid
+from ..ops.descriptor import point_feature_histograms, surface_normals
+from ..ops.descriptor_match import mutual_nearest
+
+SPACING_IN_VOXELS = 2.5
+"""Working spacing over the map's voxel size; averages the steps of the lattice away."""
+MAX_SPACING = 0.3
+"""Largest working spacing [m] chosen by itself: furniture has no shape beyond it."""
+SCALES = (1.0, 1.6)
+"""Scales at which a map is described: rooms full of small things match at the fine one, halls at the coarse one."""
+NORMAL_RADIUS = 3.0
+DESCRIPTOR_RADIUS = 5.0
+"""Radii of the normal and of the descriptor, in working spacings."""
+MAX_NEIGHBORS = 128
+"""Nearest neighbours kept a point; a plane has 80 within the radius, clutter 160. What is cut off is counted."""
+
+
+class DescriptorLevel(eqx.Module):
+    """Described surface points of one map at one scale, padded.
+
+    Attributes:
+        points: float32 (n, 3) [m], relative to the map's `center`.
+        normals: float32 (n, 3), unit, signed as `MapDescriptors.side` says.
+        descriptors: float32 (n, d); Euclidean distances compare them.
+        mask: bool (n,): rows that hold a point.
+        spacing: Working spacing of this level [m].
+        num_truncated: Points that had more neighbours than were kept.
+    """
+
+    points: Float[Array, "n 3"]
+    normals: Float[Array, "n 3"]
+    descriptors: Float[Array, "n d"]
+    mask: Bool[Array, "n"]
+    spacing: float
+    num_truncated: int
+
+
+class MapDescriptors(eqx.Module):
+    """All that matching needs to know of a map.
+
+    Attributes:
+        levels: One entry a scale, fine to coarse.
+        center: float32 (3,) [m] in the map's frame; points are relative to it.
+        side: What signs the normals: "free" (toward free space) or "surroundings" (toward the mass of the map
+            within a few metres, for maps without free space). Only equal sides can be matched.
+    """
+
+    levels: tuple[DescriptorLevel, ...]
+    center: Float[Array, "3"]
+    side: str = eqx.field(static=True)
+
+
+def working_spacing(*voxel_sizes: float) -> float:
+    """Spacing [m] at which maps of these voxel sizes can be compared: that of the coarsest, at most 0.3 m.
+
+    A map whose voxels are coarser than that is taken as it is.
+    """
+    coarsest = max(check_positive("voxel_size", size, "m") for size in voxel_sizes)
+    return max(min(MAX_SPACING, SPACING_IN_VOXELS * coarsest), coarsest)
+
+
+def describe_map(
+    grid: VoxelGrid, *, spacing: float | None = None, use_free_space: bool | None = None
+) -> MapDescriptors:
+    """Describe the surface of a map at two scales.
+
+    Args:
+        grid: The map.
+        spacing: Working spacing [m]; the same for all maps that will be matched (`working_spacing`). None: by the
+            voxel size of this map.
+        use_free_space: Sign the normals toward free space. None: if the map has free voxels. Maps that will be
+            matched need the same choice, so give False when one of them has no free space.
+
+    Returns:
+        Descriptors; without any point where the map has no occupied voxel.
+
+    Raises:
+        InputError: If free space is asked for and the map has none, or the spacing is not positive.
+    """
+    spacing = working_spacing(grid.voxel_size) if spacing is None else check_positive("spacing", spacing, "m")
+    has_free = grid.num_free > 0
+    if use_free_space and not has_free:
+        raise InputError("use_free_space must be False or None for a map without free voxels, got True.")
+    use_free = has_free if use_free_space is None else use_free_space
+    index = grid.occupied_index()
+    points = grid.occupied_points()
+    center = points.mean(axis=0, dtype=np.float64) if len(points) else np.zeros(3)
+    centred = points.astype(np.float64) - center
+    toward_free = _free_directions(np.asarray(grid.states), index) if use_free else None
+    levels = tuple(_describe_level(centred, toward_free, scale * spacing) for scale in SCALES)
+    return MapDescriptors(levels, center.astype(np.float32), "free" if use_free else "surroundings")
+
+
+def match_descriptors(
+    a: DescriptorLevel, b: DescriptorLevel
+) -> tuple[Int[np.ndarray, "k 2"], Float[np.ndarray, "k"]]:
+    """Match the points of two maps whose descriptors are each other's nearest.
+
+    Args:
+        a: One level of the first map.
+        b: The same level of the second map.
+
+    Returns:
+        Rows of a and b, int32 (k, 2), in the order of a, and the squared descriptor distances (k,).
+
+    Raises:
+        InputError: If the levels have different spacings.
+    """
+    if not np.isclose(a.spacing, b.spacing, rtol=1e-5):
+        raise InputError(
+            f"descriptors must have the same spacing in both maps, got {a.spacing:g} m and {b.spacing:g} m; "
+            "describe both with spacing=working_spacing(voxel_size_a, voxel_size_b)."
+        )
+    nearest, is_mutual, square = mutual_nearest(a.descriptors, b.descriptors, a.mask, b.mask)
+    rows = np.flatnonzero(np.asarray(is_mutual))
+    matches = np.stack([rows, np.asarray(nearest)[rows]], axis=1).astype(np.int32)
+    return matches, np.asarray(square)[rows]
+
+
+def _describe_level(points: np.ndarray, toward_free: np.ndarray | None, spacing: float) -> DescriptorLevel:
+    """Average on the working lattice, then normals, their signs and descriptors."""
+    cell_of_voxel, means = _average_by_cell(points, spacing)
+    count = len(means)
+    size = bucket_size(count, 512)
+    neighbors, distances, num_truncated = _neighbor_table(means, DESCRIPTOR_RADIUS * spacing, size)
+    padded = pad_rows(means.astype(np.float32), size)
+    normals, _ = surface_normals(padded, neighbors, distances, radius=NORMAL_RADIUS * spacing)
+    normals = np.array(normals)
+    if toward_free is None:
+        side = _toward_surroundings(means, 4.0 * spacing)
+    else:
+        side = _sum_by_cell(cell_of_voxel, toward_free, count)
+    normals[:count] *= np.where(np.sum(normals[:count] * side, axis=1) < 0.0, -1.0, 1.0)[:, None]
+    descriptors = point_feature_histograms(
+        padded, normals, neighbors, distances, radius=DESCRIPTOR_RADIUS * spacing, spacing=spacing
+    )
+    mask = np.arange(size) < count
+    return DescriptorLevel(padded, normals, descriptors, mask, spacing, num_truncated)
+
+
+def _average_by_cell(points: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    """Cell number of each point and the mean point of each cell, on a lattice of `spacing`; float64."""
+    if not len(points):
+        return np.zeros(0, np.int64), np.zeros((0, 3))
+    index = np.floor(points / spacing).astype(np.int64)
+    index -= index.min(axis=0)
+    cell = np.unique(np.ravel_multi_index(tuple(index.T), tuple(index.max(axis=0) + 1)), return_inverse=True)[
+        1
+    ]
+    cell = cell.reshape(-1)
+    total = _sum_by_cell(cell, points, int(cell.max()) + 1)
+    return cell, total / np.bincount(cell)[:, None]
+
+
+def _sum_by_cell(cell: np.ndarray, vectors: np.ndarray, count: int) -> np.ndarray:
+    """Sum of the vectors of each cell: (count, 3) float64."""
+    return np.stack([np.bincount(cell, vectors[:, axis], minlength=count) for axis in range(3)], axis=1)
+
+
+def _neighbor_table(points: np.ndarray, radius: float, size: int) -> tuple[np.ndarray, np.ndarray, int]:
+    """Nearest neighbours within `radius`, nearest first, padded to `size` rows; and the number of full lists."""
+    neighbors = np.zeros((size, MAX_NEIGHBORS), np.int32)
+    distances = np.full((size, MAX_NEIGHBORS), np.inf, np.float32)
+    if not len(points):
+        return neighbors, distances, 0
+    found, rows = cKDTree(points).query(points, k=MAX_NEIGHBORS, distance_upper_bound=radius, workers=-1)
+    neighbors[: len(points)] = np.where(np.isfinite(found), rows, 0)
+    distances[: len(points)] = found
+    return neighbors, distances, int(np.count_nonzero(np.isfinite(found[:, -1])))
+
+
+def _free_directions(states: np.ndarray, index: np.ndarray) -> np.ndarray:
+    """Sum of the unit directions from each listed voxel to the free voxels one and two steps away: (n, 3)."""
+    reach = 2
+    is_free = np.pad(states == FREE, reach).astype(np.int8)
+    strides = np.array([is_free.shape[1] * is_free.shape[2], is_free.shape[2], 1], np.int64)
+    flat, start = is_free.reshape(-1), (index.astype(np.int64) + reach) @ strides
+    total = np.zeros((len(index), 3), np.float32)
+    for step in np.ndindex(3, 3, 3):
+        direction = np.array(step, np.int64) - 1
+        if not direction.any():
+            continue
+        count = sum(
+            np.take(flat, start + distance * (direction @ strides)) for distance in range(1, reach + 1)
+        )
+        unit = direction / np.linalg.norm(direction)
+        total += np.asarray(count, np.float32)[:, None] * unit[None].astype(np.float32)
+    return total
+
+
+def _toward_surroundings(points: np.ndarray, cell_size: float, width: int = 5) -> np.ndarray:
+    """Vectors from each point to the centroid of the map's points in the `width`³ cells around its own."""
+    if not len(points):
+        return np.zeros((0, 3))
+    cell = np.floor(points / cell_size).astype(np.int64)
+    cell -= cell.min(axis=0)
+    shape = tuple(cell.max(axis=0) + 1)
+    flat = np.ravel_multi_index(tuple(cell.T), shape)
+    volume = int(np.prod(shape))
+
+    def mean_around(weights: np.ndarray | None) -> np.ndarray:
+        total = np.bincount(flat, weights, minlength=volume).reshape(shape).astype(np.float64)
+        return uniform_filter(total, size=width, mode="constant").reshape(-1)[flat]
+
+    count = mean_around(None)
+    return np.stack([mean_around(points[:, axis]) for axis in range(3)], axis=1) / count[:, None] - points

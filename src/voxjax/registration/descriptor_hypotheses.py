@@ -1,0 +1,158 @@
+"""Candidate poses from matches of local descriptors: mutual matches, their agreement, cliques, poses."""
+
+import numpy as np
+from jaxtyping import Float32, Int32
+
+from .._buckets import bucket_size, pad_rows
+from .._checks import InputError
+from ..matching.descriptors import MapDescriptors, match_descriptors
+from ..ops.consensus import agreement_matrix, greedy_cliques, matches_under_poses, poses_from_matches
+
+DISTANCE_TOLERANCE = 1.5
+"""Largest error of a matched point, in working spacings: half a cell in each map, and the neighbour's cell."""
+COSINE_TOLERANCE = 0.3
+MIN_COSINE = 0.8
+MAX_MATCHES = 4096
+MAX_NODES = 1024
+"""Matches that enter the agreement matrix, and those of the densest part that seed cliques."""
+DISTINCT_DEGREES = 5.0
+DISTINCT_SPACINGS = 3.0
+"""Poses nearer to each other than both are one hypothesis; refinement brings them together anyway."""
+
+Matches = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+def descriptor_hypotheses(
+    a: MapDescriptors, b: MapDescriptors, *, max_hypotheses: int = 16
+) -> tuple[Float32[np.ndarray, "k 4 4"], Int32[np.ndarray, "k"]]:
+    """Propose poses of map b in map a from matched descriptors.
+
+    Args:
+        a: Descriptors of map a.
+        b: Descriptors of map b, of the same spacing and side.
+        max_hypotheses: Most poses returned.
+
+    Returns:
+        Distinct poses `T_a_b` float32 (k, 4, 4), good to about one working spacing and a few degrees, and the number
+        of separate places whose matches agree with each, best first. None (k = 0) when no three matches agree.
+
+    Raises:
+        InputError: If the descriptors were made with different spacings or sides, or `max_hypotheses` is below 1.
+    """
+    if a.side != b.side:
+        raise InputError(
+            f"descriptors must sign their normals alike in both maps, got {a.side!r} and {b.side!r}; "
+            "describe both with use_free_space=False."
+        )
+    if max_hypotheses < 1:
+        raise InputError(f"max_hypotheses must be 1 or more, got {max_hypotheses!r}.")
+    matches = _collect_matches(a, b)
+    count = len(matches[4])
+    if count < 3:
+        return np.zeros((0, 4, 4), np.float32), np.zeros(0, np.int32)
+    tolerance = matches[4].max()
+    poses = _clique_poses(matches)
+    poses, places = _rank_poses(poses, matches)
+    keep = _distinct(poses, _centroid(matches[2]), DISTINCT_SPACINGS * tolerance / DISTANCE_TOLERANCE)[
+        :max_hypotheses
+    ]
+    poses, places = poses[keep], places[keep]
+    return _uncentre(poses, np.asarray(a.center), np.asarray(b.center)), places
+
+
+def _collect_matches(a: MapDescriptors, b: MapDescriptors) -> Matches:
+    """Points and normals in a, points and normals in b, and tolerance [m] of the matches of all levels."""
+    parts = []
+    for level_a, level_b in zip(a.levels, b.levels, strict=True):
+        rows, square = match_descriptors(level_a, level_b)
+        parts.append((
+            np.asarray(level_a.points)[rows[:, 0]], np.asarray(level_a.normals)[rows[:, 0]],
+            np.asarray(level_b.points)[rows[:, 1]], np.asarray(level_b.normals)[rows[:, 1]],
+            np.full(len(rows), DISTANCE_TOLERANCE * level_a.spacing, np.float32), square,
+        ))  # fmt: skip
+    *matches, square = (np.concatenate(part) for part in zip(*parts, strict=True))
+    if len(square) > MAX_MATCHES:
+        keep = np.sort(np.argsort(square, kind="stable")[:MAX_MATCHES])
+        matches = [part[keep] for part in matches]
+    return tuple(matches)  # pyright: ignore[reportReturnType]
+
+
+def _clique_poses(matches: Matches) -> np.ndarray:
+    """Poses (p, 4, 4) of the cliques of three and more matches grown in the densest part of the agreement graph."""
+    agreement = _agreement(matches)
+    degree = np.asarray(agreement).sum(axis=1, dtype=np.int32)
+    nodes = np.argsort(-degree, kind="stable")[:MAX_NODES]
+    nodes = np.sort(nodes[degree[nodes] >= 2])
+    if len(nodes) < 3:
+        return np.zeros((0, 4, 4), np.float32)
+    size = bucket_size(len(nodes), 256)
+    dense = np.zeros((size, size), bool)
+    dense[: len(nodes), : len(nodes)] = np.asarray(agreement)[np.ix_(nodes, nodes)]
+    members, sizes = map(np.asarray, greedy_cliques(dense))
+    seeds = np.flatnonzero(sizes[: len(nodes)] >= 3)
+    weights = pad_rows(members[seeds].astype(np.float32), size)
+    part = [pad_rows(values[nodes], size) for values in matches[:4]]
+    poses = poses_from_matches(*part, weights, normal_weight=float(matches[4].min()) ** 2)
+    return np.asarray(poses)[: len(seeds)]
+
+
+def _agreement(matches: Matches) -> np.ndarray:
+    """Agreement matrix of all matches, without padding."""
+    count = len(matches[4])
+    size = bucket_size(count, 256)
+    *sides, tolerance = (pad_rows(values, size) for values in matches)
+    agreement = agreement_matrix(
+        *sides, np.arange(size) < count, distance_tolerance=tolerance, cosine_tolerance=COSINE_TOLERANCE
+    )
+    return np.asarray(agreement)[:count, :count]
+
+
+def _rank_poses(poses: np.ndarray, matches: Matches) -> tuple[np.ndarray, np.ndarray]:
+    """Refit each pose to all matches that it explains; poses and their numbers of separate places, best first."""
+    count, size = len(matches[4]), bucket_size(len(matches[4]), 256)
+    *sides, tolerance = (pad_rows(values, size) for values in matches)
+    padded = pad_rows(poses, bucket_size(len(poses), 256))
+    mask = np.arange(size) < count
+    options = {"distance_tolerance": tolerance, "min_cosine": MIN_COSINE}
+    explained = matches_under_poses(padded, *sides, mask, **options)
+    weights = np.asarray(explained).astype(np.float32)
+    padded = poses_from_matches(*sides, weights, normal_weight=float(matches[4].min()) ** 2)
+    explained = np.asarray(matches_under_poses(padded, *sides, mask, **options))[: len(poses), :count]
+    places = _count_places(explained, matches)
+    order = np.argsort(-places, kind="stable")
+    order = order[places[order] >= 3]
+    return np.asarray(padded)[order], places[order]
+
+
+def _count_places(explained: np.ndarray, matches: Matches) -> np.ndarray:
+    """Number of separate cells, two tolerances wide in map a, that hold an explained match of each pose."""
+    cell = np.floor(matches[0] / (2.0 * matches[4].max())).astype(np.int64)
+    _, cell = np.unique(cell, axis=0, return_inverse=True)
+    hits = np.zeros((len(explained), int(cell.max()) + 1), bool)
+    pose, match = np.nonzero(explained)
+    hits[pose, cell.reshape(-1)[match]] = True
+    return hits.sum(axis=1, dtype=np.int32)
+
+
+def _distinct(poses: np.ndarray, point: np.ndarray, distance: float) -> list[int]:
+    """Rows of the poses, in order, that no earlier kept pose is near to: by angle, and by where `point` goes."""
+    kept: list[int] = []
+    places = poses[:, :3, :3] @ point + poses[:, :3, 3]
+    for row in range(len(poses)):
+        traces = np.einsum("kij,ij->k", poses[kept, :3, :3], poses[row, :3, :3])
+        angles = np.degrees(np.arccos(np.clip(0.5 * (traces - 1.0), -1.0, 1.0)))
+        offsets = np.linalg.norm(places[kept] - places[row], axis=1)
+        if not np.any((angles < DISTINCT_DEGREES) & (offsets < distance)):
+            kept.append(row)
+    return kept
+
+
+def _centroid(points: np.ndarray) -> np.ndarray:
+    return points.mean(axis=0, dtype=np.float64).astype(np.float32)
+
+
+def _uncentre(poses: np.ndarray, center_a: np.ndarray, center_b: np.ndarray) -> np.ndarray:
+    """Poses between the maps' frames, of poses between their centred points."""
+    result = poses.astype(np.float64)
+    result[:, :3, 3] += center_a.astype(np.float64) - result[:, :3, :3] @ center_b.astype(np.float64)
+    return result.astype(np.float32)
