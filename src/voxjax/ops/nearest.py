@@ -1,0 +1,81 @@
+"""Nearest occupied voxel, up to a radius, for every voxel of a block: a scatter that grows with the surface.
+
+The field is flat, so that one compiled kernel serves every grid whose volume falls on the same rung.
+"""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Int32, UInt32
+
+from .._checks import InputError
+from .._types import Array
+
+INDEX_BITS = 26
+"""A key is `squared distance << 26 | index`: 67 million voxels, squared distances below 63."""
+
+NOTHING_NEAR = np.uint32(0xFFFFFFFF)
+MAX_RADIUS = 7
+
+
+def ball_offsets(radius: int) -> np.ndarray:
+    """Offsets [voxel] no longer than `radius`, int32 (n, 3), nearest first."""
+    axis = np.arange(-radius, radius + 1, dtype=np.int32)
+    offsets = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
+    squared = (offsets**2).sum(axis=1)
+    inside = squared <= radius * radius
+    return offsets[inside][np.argsort(squared[inside], kind="stable")]
+
+
+@partial(jax.jit, static_argnames=("flat_size", "radius"))
+def nearest_field(
+    index: Int32[Array, "n 3"],
+    mask: Bool[Array, "n"],
+    dims: Int32[Array, "3"],
+    *,
+    flat_size: int,
+    radius: int,
+) -> UInt32[Array, "flat_size"]:
+    """Key of the nearest listed voxel for every voxel of a block, exact up to `radius`.
+
+    Ties go to the voxel listed first. Equals a brute-force search; see `tests/ops/test_nearest.py`.
+
+    Args:
+        index: Listed (occupied) voxels inside the block.
+        mask: False for padding rows.
+        dims: Size of the block [voxel]; traced, so that it costs no compilation.
+        flat_size: Length of the result, at least `prod(dims)`.
+        radius: Reach [voxel], 1 to 7.
+
+    Returns:
+        `squared distance << 26 | row of index`, or `NOTHING_NEAR`; C order over `dims`.
+
+    Raises:
+        InputError: If the radius or the number of rows does not fit the key.
+    """
+    if not 1 <= radius <= MAX_RADIUS:
+        raise InputError(f"radius must be 1 to {MAX_RADIUS} voxels, got {radius}.")
+    if index.shape[0] >= 1 << INDEX_BITS:
+        raise InputError(f"index must list fewer than {1 << INDEX_BITS} voxels, got {index.shape[0]}.")
+    offsets = ball_offsets(radius)
+    row = jnp.arange(index.shape[0], dtype=jnp.uint32)
+    strides = jnp.stack([dims[1] * dims[2], dims[2], jnp.ones_like(dims[2])])
+
+    def spread(field: Array, offset: Array) -> tuple[Array, None]:
+        target = index + offset[None, :]
+        is_inside = mask & jnp.all((target >= 0) & (target < dims[None, :]), axis=1)
+        flat = jnp.where(is_inside, jnp.sum(target * strides[None, :], axis=1, dtype=jnp.int32), flat_size)
+        squared = jnp.sum(offset * offset, dtype=jnp.int32).astype(jnp.uint32)
+        key = (squared << np.uint32(INDEX_BITS)) | row
+        return field.at[flat].min(key, mode="drop"), None
+
+    field = jnp.full((flat_size,), NOTHING_NEAR, dtype=jnp.uint32)
+    return jax.lax.scan(spread, field, jnp.asarray(offsets))[0]
+
+
+def split_keys(keys: UInt32[Array, "*n"]) -> tuple[Int32[Array, "*n"], Int32[Array, "*n"]]:
+    """Row of the nearest voxel and its squared distance [voxel^2] (63 where nothing is near)."""
+    mask = np.uint32((1 << INDEX_BITS) - 1)
+    return (keys & mask).astype(jnp.int32), (keys >> np.uint32(INDEX_BITS)).astype(jnp.int32)

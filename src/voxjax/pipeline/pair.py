@@ -1,0 +1,231 @@
+"""Register two maps: features, hypotheses from all sources, leaders, evidence, verdict, refinement."""
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, Literal
+
+import numpy as np
+
+from .._checks import InputError, check_choice, check_pose
+from .._results import RESULTS
+from ..grid import VoxelGrid
+from ..registration.leaders import find_leaders, judge_poses
+from ..registration.map_features import MapFeatures, map_features
+from ..registration.paper import register_paper
+from ..registration.proposals import ProposalCollector
+from ..registration.refine import refine
+from ..registration.types import Evidence, Hypothesis, Registration
+from ..registration.verdict import decide
+from .config import Config, config_from
+
+FINE_VOXEL = 0.075
+"""Maps finer than this [m] are brought to about 0.1 m: the trials behind the evidence ran there."""
+
+
+def register(
+    a: VoxelGrid,
+    b: VoxelGrid,
+    *,
+    preset: Literal["default", "paper"] = "default",
+    config: Config | Mapping[str, Any] | None = None,
+    gravity_aligned: bool = False,
+    init_guess: object = None,
+    on_stage: Callable[[str], None] | None = None,
+) -> Registration:
+    """Find how map b lies in map a, or say that the maps do not show it.
+
+    Args:
+        a: The map whose frame the pose maps into.
+        b: The map that is moved; the voxel sizes may differ.
+        preset: "default", or "paper" for the published method alone.
+        config: Settings of the stages: a `Config`, nested tables, or None for the defaults.
+        gravity_aligned: The z axes of both maps point up, so that only yaw is unknown.
+        init_guess: A (4, 4) `T_a_b` that is tried as one more hypothesis.
+        on_stage: Called with the name of each stage as it starts.
+
+    Returns:
+        The pose with verdict, confidence, covariance and all other hypotheses. Maps without overlap, without
+        corners or without voxels are an outcome, not an error.
+
+    Raises:
+        InputError: If a setting or the guess cannot be used.
+    """
+    check_choice("preset", preset, ("default", "paper"))
+    settings = config_from(config)
+    announce = on_stage if on_stage is not None else _silent
+    for name, grid in (("a", a), ("b", b)):
+        if grid.num_occupied == 0:
+            return nothing_found(f"Map {name} has no occupied voxel.", RESULTS.empty_map)
+    if preset == "paper":
+        announce("the paper's pipeline")
+        return register_paper(a, b)
+    size = working_voxel_size([a, b], settings)
+    seconds = {}
+    start = time.perf_counter()
+    announce("features of a")
+    features_a = prepare(a, voxel_size=size)
+    announce("features of b")
+    features_b = prepare(b, voxel_size=size)
+    seconds["features"] = time.perf_counter() - start
+    return register_prepared(
+        features_a, features_b, config=settings, gravity_aligned=gravity_aligned, init_guess=init_guess,
+        on_stage=on_stage, seconds=seconds,
+    )  # fmt: skip
+
+
+def working_voxel_size(grids: list[VoxelGrid], settings: Config) -> float:
+    """Voxel size [m] at which maps are compared: the coarsest map's, after fine ones are brought to about 0.1 m."""
+    if settings.map.voxel_size > 0:
+        return settings.map.voxel_size
+    sizes = [
+        g.voxel_size * (max(round(0.1 / g.voxel_size), 1) if g.voxel_size < FINE_VOXEL else 1) for g in grids
+    ]
+    return max(sizes)
+
+
+def prepare(grid: VoxelGrid, *, voxel_size: float, max_virtual: int = 256) -> MapFeatures:
+    """Features of one map for all its pairs.
+
+    Args:
+        grid: With at least one occupied voxel.
+        voxel_size: Working voxel size [m] of all maps that it is compared with.
+        max_virtual: Largest number of virtual corners.
+
+    Raises:
+        InputError: If nothing is occupied.
+    """
+    if grid.num_occupied == 0:
+        raise InputError("grid must have at least one occupied voxel, got none; leave the map out.")
+    same = abs(grid.voxel_size - voxel_size) < 1e-6 * voxel_size
+    return map_features(grid if same else grid.with_voxel_size(voxel_size), max_virtual=max_virtual)
+
+
+def register_prepared(
+    a: MapFeatures,
+    b: MapFeatures,
+    *,
+    config: Config | Mapping[str, Any] | None = None,
+    gravity_aligned: bool = False,
+    init_guess: object = None,
+    on_stage: Callable[[str], None] | None = None,
+    seconds: dict[str, float] | None = None,
+) -> Registration:
+    """`register` for maps whose features are known (`prepare`), both at the same voxel size.
+
+    Raises:
+        InputError: If the voxel sizes differ, or a setting or the guess cannot be used.
+    """
+    settings = config_from(config)
+    announce = on_stage if on_stage is not None else _silent
+    if abs(a.prepared.grid.voxel_size - b.prepared.grid.voxel_size) > 1e-6 * a.prepared.grid.voxel_size:
+        raise InputError(
+            "a and b must be prepared at the same voxel_size, got "
+            f"{a.prepared.grid.voxel_size:g} and {b.prepared.grid.voxel_size:g}; prepare both at the coarser one."
+        )
+    seconds = dict(seconds or {})
+
+    # 1. Hypotheses from every source.
+    announce("hypotheses")
+    sources = settings.source
+    collector = ProposalCollector(a, b, gravity_aligned=gravity_aligned)
+    if init_guess is not None:
+        collector.add_guess(check_pose("init_guess", init_guess))
+    if sources.corners:
+        collector.add_corner_frames()
+    if sources.subgraph:
+        collector.add_subgraph(distance_tolerance=sources.distance_tolerance, max_corners=sources.max_corners)
+    if sources.exhaustive:
+        collector.add_exhaustive(max_rotations=sources.max_rotations, num_peaks=sources.num_peaks)
+    proposals = collector.collected()
+    seconds.update(proposals.seconds)
+    stats = dict(proposals.stats) | {
+        "num_corners_a": a.corners.num_listed,
+        "num_corners_b": b.corners.num_listed,
+    }
+    if len(proposals.poses) == 0:
+        found = nothing_found(
+            "No source proposed a pose: the maps have too little structure.", RESULTS.too_few_corners
+        )
+        return _with_stats(found, stats, seconds)
+
+    # 2. Distinct leaders, refined, judged by all voxels.
+    announce("leaders")
+    start = time.perf_counter()
+    options = settings.leader
+    leaders = find_leaders(
+        a.prepared, b.prepared, proposals.poses, num_ranked=options.num_ranked, num_refined=options.num_refined,
+        num_leaders=options.num_leaders,
+    )  # fmt: skip
+    seconds["leaders"] = time.perf_counter() - start
+
+    # 3. The pose, its covariance and the verdict.
+    announce("verdict")
+    start = time.perf_counter()
+    has_free_space = a.prepared.has_free_space and b.prepared.has_free_space
+    bounds = settings.verdict
+    finding = decide(
+        leaders.judgement, has_free_space=has_free_space, min_support=bounds.min_support,
+        max_conflict=bounds.max_conflict, max_rival=bounds.max_rival,
+        min_support_without_free_space=bounds.min_support_without_free_space,
+    )  # fmt: skip
+    refined = refine(a.prepared, b.prepared, leaders.poses[0], max_distance=2.0 * a.prepared.grid.voxel_size)
+    T_a_b = np.asarray(refined.T_a_b)
+    after = judge_poses(a.prepared, b.prepared, T_a_b[None], num_points=None)
+    if after.score()[0] < leaders.judgement.score()[0]:
+        T_a_b, after = leaders.poses[0], None
+    seconds["verdict"] = time.perf_counter() - start
+
+    scores = leaders.judgement.score()
+    hypotheses = tuple(
+        Hypothesis(
+            leaders.poses[i] if i else T_a_b,
+            float(scores[i] if i or after is None else after.score()[0]),
+            proposals.sources[leaders.rows[i]],
+            _evidence(leaders.judgement, i, a.prepared.num_points + b.prepared.num_points),
+        )
+        for i in range(len(scores))
+    )
+    result = {
+        "accepted": RESULTS.successful,
+        "ambiguous": RESULTS.ambiguous,
+        "no_overlap": RESULTS.no_overlap,
+    }
+    return _with_stats(
+        Registration(
+            T_a_b=T_a_b, verdict=finding.verdict, confidence=finding.confidence, covariance=refined.covariance,
+            hypotheses=hypotheses, reason=finding.reason, result=result[finding.verdict], stats={},
+        ),
+        stats | {"source": hypotheses[0].source, "has_free_space": has_free_space}, seconds,
+    )  # fmt: skip
+
+
+def nothing_found(reason: str, result: RESULTS) -> Registration:
+    """Outcome when there is no pose to speak of."""
+    return Registration(
+        T_a_b=np.eye(4, dtype=np.float32), verdict="no_overlap", confidence=0.0,
+        covariance=np.full((6, 6), np.inf, np.float32), hypotheses=(), reason=reason, result=result,
+        stats={"num_corners_a": 0, "num_corners_b": 0, "num_associations": 0, "clique_size": 0,
+               "num_hypotheses": 0, "seconds": {}},
+    )  # fmt: skip
+
+
+def _with_stats(found: Registration, stats: dict, seconds: dict[str, float]) -> Registration:
+    return Registration(
+        found.T_a_b, found.verdict, found.confidence, found.covariance, found.hypotheses, found.reason, found.result,
+        stats | {"seconds": seconds},
+    )  # fmt: skip
+
+
+def _evidence(judgement, i: int, num_voxels: int) -> Evidence:
+    met = max(float(judgement.hits[i] + judgement.conflicts[i] + judgement.opposed[i]), 1e-9)
+    return Evidence(
+        score=float(judgement.score()[i]),
+        occupied_agreement=float(judgement.hits[i] / met),
+        free_conflict=float(judgement.conflicts[i] / met),
+        num_hits=round(float(judgement.hits[i]) * num_voxels),
+        num_conflicts=round(float(judgement.conflicts[i]) * num_voxels),
+    )
+
+
+def _silent(stage: str) -> None:
+    """Announce nothing."""

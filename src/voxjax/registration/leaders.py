@@ -1,0 +1,213 @@
+"""From many hypotheses to a few distinct, refined leaders, judged by all voxels of both maps."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float32
+
+from .._buckets import bucket_size, pad_rows
+from .._types import Array
+from ..ops.align import align_poses
+from ..ops.evidence import score_poses, surface_evidence
+from .prepared import PreparedMap
+
+CONFLICT_WEIGHT = 6.0
+"""How many hits a conflict outweighs (DESIGN: anything from 3 to 10 did)."""
+
+COARSE_CONFLICT_WEIGHT = 3.0
+"""A conflict before refinement is less certain."""
+
+COARSE_FACTOR = 3
+"""Tolerance before refinement, as the width of a coarse cell [voxel]."""
+
+
+class Judgement(NamedTuple):
+    """Evidence of some poses; shares of the leverage of a map, mean of both ways.
+
+    Attributes:
+        hits: (k,) on a surface, facing the same way.
+        conflicts: (k,) in clear free space.
+        opposed: (k,) on a surface whose free side faces the other way.
+        information: (k, 3, 3) what the hits fix, in frame a: 1/3 of the identity when everything agrees.
+    """
+
+    hits: np.ndarray
+    conflicts: np.ndarray
+    opposed: np.ndarray
+    information: np.ndarray
+
+    def score(self, conflict_weight: float = CONFLICT_WEIGHT) -> np.ndarray:
+        """Hits minus weighted conflicts, at most 1."""
+        return self.hits - conflict_weight * self.conflicts
+
+
+def sample_rows(prepared: PreparedMap, count: int) -> np.ndarray:
+    """Rows of `count` voxels drawn evenly along the cumulated leverage; deterministic."""
+    cumulated = np.cumsum(np.asarray(prepared.weights, np.float64)[: prepared.num_points])
+    at = (np.arange(count) + 0.5) / count * cumulated[-1]
+    return np.minimum(np.searchsorted(cumulated, at), prepared.num_points - 1)
+
+
+def inverse_poses(poses: Float32[np.ndarray, "k 4 4"]) -> Float32[np.ndarray, "k 4 4"]:
+    """`T_b_a` of each `T_a_b`."""
+    inverse = np.zeros_like(poses)
+    inverse[:, :3, :3] = np.swapaxes(poses[:, :3, :3], 1, 2)
+    inverse[:, :3, 3] = -np.einsum("kij,kj->ki", inverse[:, :3, :3], poses[:, :3, 3])
+    inverse[:, 3, 3] = 1.0
+    return inverse
+
+
+def _padded(poses: np.ndarray, smallest: int) -> np.ndarray:
+    padded = pad_rows(poses.astype(np.float32), bucket_size(len(poses), smallest))
+    padded[len(poses) :] = np.eye(4, dtype=np.float32)
+    return padded
+
+
+def rank_poses(
+    a: PreparedMap, b: PreparedMap, poses: Float32[np.ndarray, "k 4 4"], *, num_points: int = 512
+) -> Float32[np.ndarray, "k"]:
+    """Quick score of any number of unrefined poses: coarse tolerance, sampled voxels, sides ignored."""
+    T = _padded(poses, 32)
+    total = np.zeros(len(poses), np.float32)
+    weights = np.full(num_points, 1.0 / num_points, np.float32)
+    for target, other, direction in ((a, b, T), (b, a, inverse_poses(T))):
+        points = np.asarray(other.points)[sample_rows(other, num_points)]
+        shares = score_poses(target.coarse_codes(COARSE_FACTOR), *target.block, points, weights, direction)
+        total += np.asarray(shares)[: len(poses)] @ np.asarray(
+            [1.0, -COARSE_CONFLICT_WEIGHT, 0.0], np.float32
+        )
+    return total / 2
+
+
+def judge_poses(
+    a: PreparedMap,
+    b: PreparedMap,
+    poses: Float32[np.ndarray, "k 4 4"],
+    *,
+    num_points: int | None,
+    is_coarse: bool = False,
+) -> Judgement:
+    """Evidence of poses, both ways.
+
+    Args:
+        a: First map.
+        b: Second map.
+        poses: `T_a_b` candidates.
+        num_points: Voxels of each map to look at; None for all of them.
+        is_coarse: Judge at the tolerance of unrefined poses.
+    """
+    T = _padded(poses, 8)
+    is_signed = a.has_free_space and b.has_free_space
+    sums, information = [], []
+    for target, other, direction in ((a, b, T), (b, a, inverse_poses(T))):
+        points, sides, weights = other.points, other.sides, other.weights
+        if num_points is not None:
+            rows = sample_rows(other, num_points)
+            points, sides = points[rows], sides[rows]
+            weights = np.full(num_points, 1.0 / num_points, np.float32)
+        codes = target.coarse_codes(COARSE_FACTOR) if is_coarse else target.codes
+        shares, fixed = surface_evidence(
+            codes, target.keys, *target.block, target.sides, points, sides, weights, direction, is_signed
+        )
+        sums.append(np.asarray(shares, np.float64)[: len(poses)])
+        information.append(np.asarray(fixed, np.float64)[: len(poses)])
+    rotation = T[: len(poses), :3, :3].astype(np.float64)
+    information[1] = np.einsum("kij,kjl,kml->kim", rotation, information[1], rotation)
+    mean = (sums[0] + sums[1]) / 2
+    return Judgement(mean[:, 0], mean[:, 1], mean[:, 3], (information[0] + information[1]) / 2)
+
+
+def distinct_poses(
+    poses: np.ndarray,
+    scores: np.ndarray,
+    centroid: np.ndarray,
+    *,
+    metres: float,
+    degrees: float,
+    max_count: int,
+) -> np.ndarray:
+    """Indices of the best poses that differ in where they put the centroid of b, or in rotation; best first."""
+    images = poses[:, :3, :3] @ centroid + poses[:, :3, 3]
+    kept: list[int] = []
+    bound = 1.0 + 2.0 * np.cos(np.radians(degrees))
+    for i in np.argsort(-scores, kind="stable"):
+        if kept:
+            near = np.linalg.norm(images[kept] - images[i], axis=1) < metres
+            traces = np.einsum("kij,ij->k", poses[kept, :3, :3], poses[i, :3, :3])
+            if (near & (traces > bound)).any():
+                continue
+        kept.append(int(i))
+        if len(kept) == max_count:
+            break
+    return np.asarray(kept, dtype=np.int64)
+
+
+def refine_poses(
+    a: PreparedMap,
+    b: PreparedMap,
+    poses: Float32[np.ndarray, "k 4 4"],
+    *,
+    num_points: int,
+    num_steps: int,
+    start_distance: float = 5.0,
+    final_distance: float = 1.5,
+) -> Float32[np.ndarray, "k 4 4"]:
+    """Align each pose, b onto the surface of a; distances are robust scales [voxel]."""
+    rows = sample_rows(b, num_points)
+    weights = np.full(num_points, 1.0 / num_points, np.float32)
+    points: Array = b.points[rows]
+    refined = align_poses(
+        a.keys, *a.block, a.points, a.normals, points, weights, _padded(poses, 8), num_steps=num_steps,
+        start_distance=jnp.float32(start_distance), final_distance=jnp.float32(final_distance),
+    )  # fmt: skip
+    return np.asarray(refined)[: len(poses)]
+
+
+class Leaders(NamedTuple):
+    """Distinct refined poses, best first.
+
+    Attributes:
+        poses: float32 (k, 4, 4) `T_a_b`.
+        judgement: Evidence over all voxels.
+        rows: (k,) the hypothesis that each came from.
+    """
+
+    poses: np.ndarray
+    judgement: Judgement
+    rows: np.ndarray
+
+
+def find_leaders(
+    a: PreparedMap,
+    b: PreparedMap,
+    poses: Float32[np.ndarray, "k 4 4"],
+    *,
+    num_ranked: int = 512,
+    num_refined: int = 64,
+    num_leaders: int = 12,
+) -> Leaders:
+    """Rank, refine, and rank again.
+
+    Unrefined poses are judged at a coarse tolerance, because ranking them as if they were final loses right ones.
+    """
+    voxel = a.grid.voxel_size
+    centroid = np.asarray(b.centroid, np.float64)
+
+    def best(poses: np.ndarray, scores: np.ndarray, voxels: float, degrees: float, count: int) -> np.ndarray:
+        return distinct_poses(
+            poses, scores, centroid, metres=voxels * voxel, degrees=degrees, max_count=count
+        )
+
+    rows = best(poses, rank_poses(a, b, poses), 2.0, 1.5, num_ranked)
+    coarse = judge_poses(a, b, poses[rows], num_points=1024, is_coarse=True)
+    rows = rows[best(poses[rows], coarse.score(COARSE_CONFLICT_WEIGHT), 2.0, 1.5, num_refined)]
+    refined = refine_poses(a, b, poses[rows], num_points=1024, num_steps=15)
+    kept = best(refined, judge_poses(a, b, refined, num_points=4096).score(), 5.0, 4.0, num_leaders)
+    rows, refined = rows[kept], refined[kept]
+    refined = refine_poses(
+        a, b, refined, num_points=8192, num_steps=12, start_distance=2.5, final_distance=1.0
+    )
+    judgement = judge_poses(a, b, refined, num_points=None)
+    kept = best(refined, judgement.score(), 5.0, 4.0, num_leaders)
+    return Leaders(refined[kept], Judgement(*(part[kept] for part in judgement)), rows[kept])

@@ -1,0 +1,134 @@
+"""`PreparedMap`: everything about one map that registration needs, computed once and used for all its pairs."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float32, Int32, UInt8, UInt32
+
+from .._buckets import bucket_size, pad_rows
+from .._types import UNKNOWN, Array
+from ..grid import VoxelGrid
+from ..ops.evidence import evidence_codes
+from ..ops.moments import surface_moments
+from ..ops.nearest import nearest_field
+
+FIELD_RADIUS = 5
+"""Reach of the nearest-voxel field [voxel]: what refinement can pull in."""
+
+HIT_SQ, CLEAR_SQ = 2, 4
+"""A hit lies within 1.5 voxels of something occupied, clear space two voxels or more away (DESIGN trials)."""
+
+MIN_NEIGHBOURS = 10
+"""Fewer occupied voxels in the window than this (a line has 7) do not define a normal."""
+
+MIN_PLANARITY = 0.3
+"""Below it a normal does not say which side of a surface is free."""
+
+
+class PreparedMap(eqx.Module):
+    """One map, ready to be registered with any other of the same working voxel size.
+
+    Attributes:
+        grid: The map at the working voxel size, cut to what is known.
+        points: Occupied voxel centres [m], padded to a rung of the ladder.
+        normals: Unit normals, toward free space where the map has any.
+        weights: Leverage of each voxel: how much it rules out; sums to 1, 0 for padding. Floors and ceilings together
+            weigh as much as the walls along one axis, whatever their areas.
+        planarity: In [0, 1], 0 for padding.
+        num_points: Number of rows that are not padding.
+        has_free_space: Whether free space says on which side of its surfaces the map lies.
+        keys: Flat field of the nearest occupied voxel.
+        codes: Flat evidence codes at the tolerance of the voxel size.
+        states: Flat states.
+        dims: Size of the block [voxel].
+        centroid: Of the occupied voxels [m], float32 (3,).
+    """
+
+    grid: VoxelGrid
+    points: Float32[Array, "n 3"]
+    normals: Float32[Array, "n 3"]
+    weights: Float32[Array, "n"]
+    planarity: Float32[Array, "n"]
+    num_points: int
+    has_free_space: bool
+    keys: UInt32[Array, "flat"]
+    codes: UInt8[Array, "flat"]
+    states: UInt8[Array, "flat"]
+    dims: Int32[Array, "3"]
+    centroid: Float32[Array, "3"]
+
+    @property
+    def block(self) -> tuple[Array, Array, Array]:
+        """Dims, origin and voxel size, as the lookups take them."""
+        return self.dims, jnp.asarray(self.grid.origin), jnp.float32(self.grid.voxel_size)
+
+    @property
+    def sides(self) -> Array:
+        """Normals where they say which side is free, rows of zero elsewhere."""
+        return self.normals * (self.planarity > MIN_PLANARITY).astype(jnp.float32)[:, None]
+
+    def coarse_codes(self, factor: int) -> UInt8[Array, "flat"]:
+        """Evidence codes at the tolerance of cells `factor` voxels wide.
+
+        A hit lies within three quarters of a cell of something occupied, clear space half a voxel farther.
+        """
+        reach = 0.75 * factor
+        return evidence_codes(
+            self.states, self.keys, int(reach**2), min(int((reach + 0.5) ** 2), FIELD_RADIUS**2)
+        )
+
+
+def prepare_map(grid: VoxelGrid) -> PreparedMap:
+    """Compute the fields and surface of a map.
+
+    Args:
+        grid: At the working voxel size, with at least one occupied voxel.
+    """
+    grid = grid.crop_to_known()
+    states = np.asarray(grid.states)
+    index = grid.occupied_index()
+    count = len(index)
+    size = bucket_size(count, 1024)
+    padded = pad_rows(index, size)
+    mask = np.arange(size) < count
+    flat_size = bucket_size(states.size, 4096)
+    dims = jnp.asarray(states.shape, jnp.int32)
+    flat = np.full(flat_size, UNKNOWN, np.uint8)
+    flat[: states.size] = states.reshape(-1)
+
+    keys = nearest_field(padded, mask, dims, flat_size=flat_size, radius=FIELD_RADIUS)
+    moments = surface_moments(states, padded)
+    normals = np.asarray(moments.normal)[:count]
+    planarity = _planarity(np.asarray(moments.curvature)[:count], np.asarray(moments.num_occupied)[:count])
+    return PreparedMap(
+        grid=grid,
+        points=jnp.asarray(pad_rows(grid.world_from_index(index), size)),
+        normals=jnp.asarray(pad_rows(normals, size)),
+        weights=jnp.asarray(pad_rows(leverage_weights(normals, planarity), size)),
+        planarity=jnp.asarray(pad_rows(planarity, size)),
+        num_points=count,
+        has_free_space=bool(np.asarray(moments.has_free)[:count].mean() > 0.5),
+        keys=keys,
+        codes=evidence_codes(flat, keys, HIT_SQ, CLEAR_SQ),
+        states=jnp.asarray(flat),
+        dims=dims,
+        centroid=jnp.asarray(grid.world_from_index(index).mean(axis=0, dtype=np.float64).astype(np.float32)),
+    )
+
+
+def _planarity(curvature: np.ndarray, num_occupied: np.ndarray) -> np.ndarray:
+    """1 on a plane, 0 from half the curvature of a ball on; 0 where too few voxels define a normal."""
+    return (np.clip(1.0 - 6.0 * curvature, 0.0, 1.0) * (num_occupied >= MIN_NEIGHBOURS)).astype(np.float32)
+
+
+def leverage_weights(normals: np.ndarray, planarity: np.ndarray) -> np.ndarray:
+    """Share of each voxel in what fixes a translation, float32 (n,), sum 1.
+
+    The leverage `n M^-1 n` of a normal in `M = sum n n^T` is small where many voxels say the same. A tenth of the
+    weight is spread evenly, so that clutter without a normal counts too.
+    """
+    rows = normals.astype(np.float64) * np.sqrt(planarity.astype(np.float64))[:, None]
+    information = rows.T @ rows + 1e-3 * max(len(rows), 1) * np.eye(3)
+    leverage = np.einsum("ni,ij,nj->n", rows, np.linalg.inv(information), rows)
+    weights = leverage + 0.3 / len(rows)
+    return (weights / weights.sum()).astype(np.float32)

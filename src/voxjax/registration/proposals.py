@@ -1,0 +1,130 @@
+"""All hypotheses of a pair, from all sources, with the source of each."""
+
+import time
+from collections.abc import Callable
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float32
+
+from .corner_hypotheses import frame_poses, subgraph_poses
+from .exhaustive import exhaustive_hypotheses, upright_frame
+from .leaders import distinct_poses, rank_poses
+from .map_features import MapFeatures
+from .rotations import rotation_hypotheses
+
+MAX_FRAME_POSES = 256
+"""Corner frames that go on to the common ranking, after their own."""
+
+UPRIGHT_COSINE = np.cos(np.radians(8.0))
+"""Maps that are gravity aligned may still lean by so much against each other."""
+
+
+class Proposals(eqx.Module):
+    """Candidate poses and where each comes from.
+
+    Attributes:
+        poses: float32 (k, 4, 4) `T_a_b`.
+        sources: One name a pose.
+        stats: Counts for the report.
+        seconds: {source: s}.
+    """
+
+    poses: Float32[np.ndarray, "k 4 4"]
+    sources: tuple[str, ...]
+    stats: dict
+    seconds: dict
+
+
+class ProposalCollector:
+    """Gathers poses source by source; times each."""
+
+    def __init__(self, a: MapFeatures, b: MapFeatures, *, gravity_aligned: bool):
+        """Start without poses."""
+        self._a, self._b = a, b
+        self._gravity_aligned = gravity_aligned
+        self._poses: list[np.ndarray] = []
+        self._sources: list[str] = []
+        self.stats: dict = {"num_associations": 0, "clique_size": 0, "num_hypotheses": 0}
+        self.seconds: dict = {}
+
+    def _add(self, poses: np.ndarray, sources: list[str]) -> None:
+        if self._gravity_aligned and len(poses):
+            is_upright = poses[:, 2, 2] > UPRIGHT_COSINE
+            poses = poses[is_upright]
+            sources = [name for name, keep in zip(sources, is_upright, strict=True) if keep]
+        self._poses.append(poses.astype(np.float32))
+        self._sources.extend(sources)
+
+    def _timed(self, name: str, propose: Callable[[], None]) -> None:
+        start = time.perf_counter()
+        propose()
+        self.seconds[name] = time.perf_counter() - start
+
+    def add_guess(self, T_a_b: np.ndarray) -> None:
+        """Add a pose from outside."""
+        self._add(T_a_b[None], ["guess"])
+
+    def add_corner_frames(self) -> None:
+        """Add the best poses of single corner pairs."""
+
+        def propose() -> None:
+            found = frame_poses(self._a.corners, self._b.corners)
+            poses, is_observed = found.poses, found.is_observed
+            if self._gravity_aligned:
+                is_upright = poses[:, 2, 2] > UPRIGHT_COSINE
+                poses, is_observed = poses[is_upright], is_observed[is_upright]
+            self.stats["num_hypotheses"] += len(poses)
+            if len(poses) == 0:
+                return
+            a, b = self._a.prepared, self._b.prepared
+            scores = rank_poses(a, b, poses, num_points=128)
+            kept = np.argsort(-scores, kind="stable")[: 16 * MAX_FRAME_POSES]
+            chosen = kept[
+                distinct_poses(
+                    poses[kept], scores[kept], np.asarray(b.centroid, np.float64),
+                    metres=2.0 * a.grid.voxel_size, degrees=1.5, max_count=MAX_FRAME_POSES,
+                )
+            ]  # fmt: skip
+            self._add(poses[chosen], ["corner" if is_observed[i] else "virtual corner" for i in chosen])
+
+        self._timed("corner frames", propose)
+
+    def add_subgraph(self, *, distance_tolerance: float, max_corners: int) -> None:
+        """Add the poses of the maximum common subgraphs of the corners; tolerance in voxels."""
+
+        def propose() -> None:
+            found = subgraph_poses(
+                self._a.corners, self._b.corners, max_corners=max_corners,
+                distance_tolerance=distance_tolerance * self._a.prepared.grid.voxel_size,
+            )  # fmt: skip
+            self.stats["num_associations"] = found.num_associations
+            self.stats["clique_size"] = found.clique_size
+            self.stats["subgraph_completed"] = found.completed
+            self.stats["num_hypotheses"] += len(found.poses)
+            self._add(found.poses, ["subgraph"] * len(found.poses))
+
+        self._timed("common subgraph", propose)
+
+    def add_exhaustive(self, *, max_rotations: int, num_peaks: int) -> None:
+        """Add the best translations of all rotations that the normals allow."""
+
+        def propose() -> None:
+            a, b = self._a, self._b
+            rotations, _ = rotation_hypotheses(
+                a.normals, b.normals, a.directions, b.directions, max_rotations=max_rotations,
+                is_signed=a.prepared.has_free_space and b.prepared.has_free_space,
+                gravity_aligned=self._gravity_aligned,
+            )  # fmt: skip
+            self.stats["num_rotations"] = len(rotations)
+            frame = upright_frame(a.directions, a.shares)
+            poses, _ = exhaustive_hypotheses(a.prepared, b.prepared, rotations, frame, num_peaks=num_peaks)
+            self.stats["num_hypotheses"] += len(poses)
+            self._add(poses, ["exhaustive"] * len(poses))
+
+        self._timed("exhaustive search", propose)
+
+    def collected(self) -> Proposals:
+        """All poses so far."""
+        poses = np.concatenate(self._poses) if self._poses else np.zeros((0, 4, 4), np.float32)
+        return Proposals(poses, tuple(self._sources), dict(self.stats), dict(self.seconds))
