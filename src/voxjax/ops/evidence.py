@@ -50,8 +50,8 @@ def lookup(
     outside: np.generic,
 ) -> Array:
     """Value of a flat field at points [m]; `outside` beyond the block."""
-    cell = jnp.floor((points - origin) / voxel_size).astype(jnp.int32)
-    is_inside = jnp.all((cell >= 0) & (cell < dims), axis=-1)
+    cell = jnp.floor((points - jnp.broadcast_to(origin, points.shape)) / voxel_size).astype(jnp.int32)
+    is_inside = jnp.all((cell >= 0) & (cell < jnp.broadcast_to(dims, cell.shape)), axis=-1)
     flat = (cell[..., 0] * dims[1] + cell[..., 1]) * dims[2] + cell[..., 2]
     value = jnp.take(field, jnp.where(is_inside, flat, 0), mode="clip")
     return jnp.where(is_inside, value, jnp.asarray(outside, field.dtype))
