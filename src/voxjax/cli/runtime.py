@@ -19,7 +19,7 @@ def use_compilation_cache() -> None:
 
     base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     jax.config.update("jax_compilation_cache_dir", str(base / "voxjax" / "xla"))
-    jax.config.update("jax_persistent_compilation_cache_min_compile_time_secs", 0.05)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
 
 
 class Progress:
