@@ -1,10 +1,11 @@
 """Algorithm 1 of the paper: the maximum common subgraph by backtracking over the corners of a.
 
-Host code on purpose: the search is a tree of unequal branches. The checks against all matches so far are one AND of
-bitsets, since the compatibility of all pairs is known beforehand.
+Host code on purpose: the search is a tree of unequal branches. The checks against all matches so far are one
+AND of bitsets, since the compatibility of all pairs is known beforehand.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -13,8 +14,11 @@ from jaxtyping import Bool, Int
 from .._types import Array
 from .associations import check_associations
 
-MAX_SEARCH_NODES = 1_000_000
-"""Default budget; a node costs 1 to 3 microseconds, one with an early transform 100."""
+MAX_SEARCH_NODES = 3_000_000
+"""Default budget; a node costs 1 to 3 microseconds."""
+
+EARLY_COST = 200
+"""An early transform takes as long as so many nodes (measured: 100 to 500), and counts as them."""
 
 EARLY_COUNT = 5
 """Section IV.C: a first transform is calculated when there are five matches."""
@@ -27,10 +31,11 @@ class Schemes(NamedTuple):
     """What the backtracking found.
 
     Attributes:
-        schemes: The largest schemes, int32 (k, 2) pairs each, all of the same k, in the order in which they appeared.
+        schemes: The largest schemes, int32 (k, 2) pairs each, all of the same k, in the order in which they
+            appeared.
         completed: Whether the search ended inside its budget.
         has_all_ties: Whether no tied scheme was left out for `max_schemes`.
-        num_nodes: Matches that were tried.
+        num_nodes: Matches that were tried; an early transform counts as `EARLY_COST`.
     """
 
     schemes: tuple[np.ndarray, ...]
@@ -49,15 +54,16 @@ def backtrack(
 ) -> Schemes:
     """Search row by row: a row is a corner of a, its candidates are the corners of b it may match.
 
-    A candidate that is compatible with all matches in M joins M and the next row is tried; a row without any is left
-    unmatched; after the last row the scheme is complete and the search goes back one row. Branches that cannot reach
-    the size of the best scheme are not entered, which changes no result of the exact search.
+    A candidate that is compatible with all matches in M joins M and the next row is tried; a row without any
+    is left unmatched; after the last row the scheme is complete and the search goes back one row. Branches
+    that cannot reach the size of the best scheme are not entered, which changes no result of the exact
+    search.
 
     Args:
         associations: Candidate pairs; all corners of a against all of b in the paper.
         adjacency: Their compatibility, equation (4), from `consistency_graph`; may be padded.
-        extend: Early transform. When M has five matches, the scheme that it returns is taken as the scheme of this
-            branch and the search goes back. None searches exactly.
+        extend: Early transform. When M has five matches, the scheme that it returns is taken as the scheme of
+            this branch and the search goes back. None searches exactly.
         max_nodes: Budget of matches tried; when it is spent, the best schemes so far are returned.
         max_schemes: Number of tied schemes that are kept.
 
@@ -73,7 +79,26 @@ def backtrack(
     )
     completed = search.run()
     schemes = tuple(search.schemes) or (np.zeros((0, 2), np.int32),)
-    return Schemes(schemes, completed, search.has_all_ties, search.num_nodes)
+    return Schemes(schemes, completed, completed and search.has_all_ties, search.num_nodes)
+
+
+@dataclass
+class _Row:
+    """One row on the path of the search.
+
+    Attributes:
+        row: Position of the row.
+        untried: Bits of its candidates that were not tried yet.
+        allowed: Bits of all associations that are compatible with M as it was before this row.
+        is_matched: Whether a match of this row is in M now.
+        is_finished: Whether the row was also tried unmatched.
+    """
+
+    row: int
+    untried: int
+    allowed: int
+    is_matched: bool = False
+    is_finished: bool = False
 
 
 class _Backtracking:
@@ -87,79 +112,88 @@ class _Backtracking:
         max_nodes: int,
         max_schemes: int,
     ):
-        # Associations sorted by row, so that "rows after this one" is a range of bits.
+        # Associations sorted by row, so that the rows after one are a range of bits.
         order = np.argsort(pairs[:, 0], kind="stable")
         self.pairs = pairs[order]
         packed = np.packbits(adjacency[np.ix_(order, order)], axis=1, bitorder="little")
         self.compatible = [int.from_bytes(row.tobytes(), "little") for row in packed]
-        starts = np.flatnonzero(np.diff(self.pairs[:, 0], prepend=-1)) if len(pairs) else np.zeros(0, int)
-        ends = [*starts[1:].tolist(), len(pairs)]
-        self.rows = [(1 << end) - (1 << start) for start, end in zip(starts.tolist(), ends, strict=False)]
+        starts = np.flatnonzero(np.diff(self.pairs[:, 0], prepend=-1)).tolist()
+        ends = [*starts[1:], len(pairs)]
+        self.rows = [(1 << end) - (1 << start) for start, end in zip(starts, ends, strict=False)]
         self.later = [(1 << len(pairs)) - (1 << end) for end in ends]
         self.extend = extend
         self.max_nodes, self.max_schemes = max_nodes, max_schemes
         self.num_nodes, self.best_size, self.has_all_ties = 0, 1, True
         self.schemes: list[np.ndarray] = []
         self.known: list[set[tuple[int, int]]] = []
+        self.matches: list[int] = []
+        self.stack: list[_Row] = []
 
     def run(self) -> bool:
         """Visit the whole tree; False if the budget ran out."""
-        matches: list[int] = []
-        everything = (1 << len(self.pairs)) - 1
-        # One entry a row on the path: [row, candidates not tried, allowed by M before this row, whether a match
-        # of this row is in M now].
-        stack = [[0, everything & self.rows[0], everything, False]] if self.rows else []
-        while stack:
-            entry = stack[-1]
-            row, untried, allowed, is_matched = entry
-            if is_matched:
-                matches.pop()
-                entry[3] = False
-            if untried:
-                bit = (untried & -untried).bit_length() - 1
-                entry[1] = untried & (untried - 1)
+        if len(self.pairs):
+            everything = (1 << len(self.pairs)) - 1
+            self.stack.append(_Row(0, everything & self.rows[0], everything))
+        while self.stack:
+            top = self.stack[-1]
+            if top.is_matched:
+                self.matches.pop()
+                top.is_matched = False
+            if top.untried:
                 if self.num_nodes >= self.max_nodes:
                     return False
-                self.num_nodes += 1
-                matches.append(bit)
-                entry[3] = True
-                self._advance(stack, matches, row, allowed & self.compatible[bit] & self.later[row])
-            elif untried == 0 and entry[2] >= 0:
+                self._match(top)
+            elif not top.is_finished:
                 # All candidates were tried: go on with this row unmatched, once.
-                entry[2] = -1
-                self._advance(stack, matches, row, allowed & self.later[row])
+                top.is_finished = True
+                self._advance(top.row, top.allowed & self.later[top.row])
             else:
-                stack.pop()
+                self.stack.pop()
         return True
 
-    def _advance(self, stack: list, matches: list[int], row: int, allowed: int) -> None:
+    def _match(self, top: _Row) -> None:
+        """The next compatible candidate of the row joins M."""
+        bit = (top.untried & -top.untried).bit_length() - 1
+        top.untried &= top.untried - 1
+        self.num_nodes += 1
+        self.matches.append(bit)
+        top.is_matched = True
+        if self.extend is not None and len(self.matches) >= EARLY_COUNT:
+            self._extend(self.extend)
+        else:
+            self._advance(top.row, top.allowed & self.compatible[bit] & self.later[top.row])
+
+    def _advance(self, row: int, allowed: int) -> None:
         """Go to the next row that has a candidate, or finish the scheme."""
-        if self.extend is not None and len(matches) >= EARLY_COUNT:
-            self._extend(matches)
-            return
         if not allowed:
-            self._record(self.pairs[matches])
+            self._record(self.pairs[self.matches])
             return
-        if not self._may_reach(len(matches), allowed):
+        if not self._may_reach(allowed):
             return
         row += 1
         while not allowed & self.rows[row]:
             row += 1
-        stack.append([row, allowed & self.rows[row], allowed, False])
+        self.stack.append(_Row(row, allowed & self.rows[row], allowed))
 
-    def _may_reach(self, count: int, allowed: int) -> bool:
-        """Whether enough rows have a candidate left; a tie is enough while there is room for ties."""
-        needed = self.best_size - count + (len(self.schemes) >= self.max_schemes)
+    def _may_reach(self, allowed: int) -> bool:
+        """Whether enough rows have a candidate left to tie with the best, while there is room for ties."""
+        needed = self.best_size - len(self.matches)
         if allowed.bit_count() < needed:
             return False
-        return sum(1 for row in self.rows if row & allowed) >= needed
+        num_rows = sum(1 for row in self.rows if row & allowed)
+        if num_rows == needed and len(self.schemes) >= self.max_schemes:
+            self.has_all_ties = False
+            return False
+        return num_rows >= needed
 
-    def _extend(self, matches: list[int]) -> None:
+    def _extend(self, extend: Extend) -> None:
         """Early transform, unless the five matches belong to a scheme that is known."""
-        seed = self.pairs[matches]
+        seed = self.pairs[self.matches]
         as_set = {(int(i), int(j)) for i, j in seed}
-        if not any(as_set <= scheme for scheme in self.known):
-            self._record(self.extend(seed) if self.extend is not None else seed)
+        if any(as_set <= scheme for scheme in self.known):
+            return
+        self.num_nodes += EARLY_COST
+        self._record(extend(seed))
 
     def _record(self, scheme: np.ndarray) -> None:
         """Keep a scheme that is larger than the best, or tied with it and new."""

@@ -1,7 +1,7 @@
-"""Exact maximum clique of a sparse graph: greedy bound, pruning by cores and triangles, bitset branch and bound.
+"""Exact maximum clique of a sparse graph: greedy bound, pruning by triangles, bitset branch and bound.
 
-The pruning is dense NumPy on packed words; what survives it is small, and is searched with whole numbers as bitsets.
-Deterministic: the effort is bounded by a number of search nodes, never by time.
+The pruning is dense NumPy on packed words; what survives it is small, and is searched with whole numbers as
+bitsets. Deterministic: the effort is bounded by a number of search nodes, never by time.
 """
 
 from dataclasses import dataclass, field
@@ -239,7 +239,7 @@ def _solve(graph: np.ndarray, search: _Search) -> None:
 
 
 def peeling_order(graph: np.ndarray) -> np.ndarray:
-    """Order in which nodes of least degree fall away, so that few neighbours come later (degeneracy order)."""
+    """Order in which nodes of least degree fall away, so that few neighbours come later."""
     degree = np.count_nonzero(graph, axis=1).astype(np.int64)
     is_left = np.ones(len(graph), bool)
     order = []
@@ -293,10 +293,10 @@ def _branch(graph: np.ndarray, names: list[int], root: int, search: _Search) -> 
 
 
 def _colour(rows: list[int], candidates: int, needed: int) -> list[tuple[int, int]]:
-    """Greedy colouring: (node, colours used up to it), for the nodes that a clique of `needed` more could end in.
+    """Greedy colouring: (node, colours so far), for nodes that a clique of `needed` more could end in.
 
-    A set of nodes has no clique larger than its number of colours, so nodes of the first `needed - 1` colours need
-    no branch of their own.
+    A set of nodes has no clique larger than its number of colours, so nodes of the first `needed - 1` colours
+    need no branch of their own.
     """
     coloured = []
     colour = 0

@@ -86,12 +86,14 @@ def maximum_common_subgraph(
         corners_a: Corners of map a.
         corners_b: Corners of map b.
         distance_tolerance: D of equation (4) [m].
-        method: "clique": branch and bound on the association graph; "backtracking": Algorithm 1 as in the paper.
+        method: "clique": branch and bound on the association graph; "backtracking": Algorithm 1 as in the
+            paper.
         angle_tolerance: If given [rad], frames of corners must agree too, see `consistency_graph`.
         min_distance: See `consistency_graph` [m].
         match_kinds: See `consistency_graph`.
         associations: Candidates, or None for all pairs.
-        early_transform: Backtracking only: with five matches, let their transform give the rest of the scheme.
+        early_transform: Backtracking only: with five matches, let their transform give the rest of the
+            scheme.
         align: Transform of matched corners for it; None aligns the corners alone.
         max_nodes: Budget of the search; None takes the default of the method.
         max_ties: Number of tied sets to keep.
@@ -174,8 +176,8 @@ def close_corners(
 ) -> Extend:
     """The early transform of section IV.C, as a function from a few matches to a whole scheme.
 
-    The transform of the matches carries the corners of b into a; those that come nearer than the tolerance to a corner
-    of a, each being the nearest of the other, join the matches.
+    The transform of the matches carries the corners of b into a; those that come nearer than the tolerance to
+    a corner of a, each being the nearest of the other, join the matches.
 
     Args:
         points_a: float32 (n, 3) [m].

@@ -1,7 +1,7 @@
 """Which associations can hold together: distances (equation 4), angles between frames, one-to-one.
 
-The distances of all pairs of associations are one dense mask on the device; angles are looked at only where the
-distances agree. Memory: one byte a pair, so 8000 associations (about 90 corners against 90) take 64 MB.
+The distances of all pairs of associations are one dense mask on the device; angles are looked at only where
+the distances agree. Memory: one byte a pair, so 8000 associations (about 90 corners against 90) take 64 MB.
 """
 
 import equinox as eqx
@@ -53,15 +53,15 @@ def consistency_graph(
 ) -> ConsistencyGraph:
     """Pairwise compatibility of candidate associations of corners.
 
-    Two associations are compatible when they share no corner and the distance between their corners in a differs from
-    the distance in b by less than the tolerance, equation (4).
+    Two associations are compatible when they share no corner and the distance between their corners in a
+    differs from the distance in b by less than the tolerance, equation (4).
 
     Args:
         corners_a: Corners of map a.
         corners_b: Corners of map b.
         distance_tolerance: D of equation (4) [m].
-        angle_tolerance: If given [rad], the rotations that two associations imply (best over the cyclic orders of the
-            corners' normals) must also agree within it.
+        angle_tolerance: If given [rad], the rotations that two associations imply (best over the cyclic
+            orders of the corners' normals) must also agree within it.
         min_distance: Pairs of corners nearer than this in either map [m] do not count as compatible: almost
             coincident corners agree with everything.
         match_kinds: Whether only corners with equally many convex edges may match.
@@ -71,7 +71,8 @@ def consistency_graph(
         The graph, padded to a bucket; at most `MAX_ASSOCIATIONS` nodes.
 
     Raises:
-        InputError: If a tolerance is not positive, an index does not exist, or there are too many associations.
+        InputError: If a tolerance is not positive, an index does not exist, or there are too many
+        associations.
 
     References:
         Section IV.B-C, equation (4).
@@ -115,15 +116,16 @@ def pairwise_consistency(
         angle_tolerance: [rad], used with frames or normals.
         frames_a: Rows are three unit normals, in a cyclic order that is not known.
         frames_b: The same for b.
-        normals_a: One unit normal a point: the three angles between two normals and the line through their points
-            must agree in a and b.
+        normals_a: One unit normal a point: the three angles between two normals and the line through their
+            points must agree in a and b.
         normals_b: The same for b.
 
     Returns:
         bool (m, m) on the host, m the bucket of the number of associations; False in padding.
 
     Raises:
-        InputError: If a tolerance is not positive, an index does not exist, or there are too many associations.
+        InputError: If a tolerance is not positive, an index does not exist, or there are too many
+        associations.
     """
     check_positive("distance_tolerance", distance_tolerance, "m")
     pairs = check_associations(associations, len(points_a), len(points_b))
@@ -226,8 +228,8 @@ def rotations_agree(
 ) -> Bool[Array, "e"]:
     """Whether two associations imply one rotation, for some cyclic order of the normals of each.
 
-    The trace of a relative rotation is `1 + 2 cos angle`; frames need not be exactly orthonormal. The nodes are not
-    used: frames alone decide.
+    The trace of a relative rotation is `1 + 2 cos angle`; frames need not be exactly orthonormal. The nodes
+    are not used: frames alone decide.
     """
     rotations = _cyclic_rotations(frames_a, frames_b)
     first, second = rotations[edges[:, 0]], rotations[edges[:, 1]]
@@ -247,7 +249,7 @@ def normals_agree(
     edges: Int32[Array, "e 2"],
     angle_tolerance: Float[Array, ""] | np.float32,
 ) -> Bool[Array, "e"]:
-    """Whether the angles between two normals, and between each and the line of the points, are those of the other map."""
+    """Whether two normals and the line through their points make the same angles in both maps."""
 
     def cosines(nodes: Array, normals: Array) -> Array:
         i, j = edges[:, 0], edges[:, 1]

@@ -14,7 +14,7 @@ DEGENERATE_RATIO = 1e-6
 def _centred(
     points: Float[Array, "n 3"], weights: Float[Array, "n"]
 ) -> tuple[Float[Array, "n 3"], Float[Array, "3"]]:
-    """Points minus their weighted centroid, and the centroid; twice, so that float32 keeps far clouds exact."""
+    """Points minus their weighted centroid, and the centroid, without loss for clouds far from the origin."""
     total = jnp.maximum(jnp.sum(weights, dtype=points.dtype), jnp.finfo(points.dtype).tiny)
     share = (weights / total)[:, None]
     # The first point that counts is near the others: sums of differences to it do not cancel.
@@ -30,8 +30,8 @@ def align_points(
 ) -> Float[Array, "4 4"]:
     """Transform that brings matched points of b onto points of a with the least weighted squared error.
 
-    Centred singular value decomposition; never a reflection. Points on one line, or fewer than three, do not fix the
-    rotation: the result is then one of the best transforms (see `is_degenerate`).
+    Centred singular value decomposition; never a reflection. Points on one line, or fewer than three, do not
+    fix the rotation: the result is then one of the best transforms (see `is_degenerate`).
 
     Args:
         points_a: Points in frame a [m].

@@ -40,7 +40,7 @@ class NeighbouringPoints:
         self.voxel_size = voxel_size
 
     def beside(self, corners_b: Float32[np.ndarray, "k 3"], *, radius: float, count: int) -> np.ndarray:
-        """Rows of the voxels of b within `radius` [m] of the corners, `count` a corner at most, each row once."""
+        """Rows of the voxels of b within `radius` [m] of the corners, at most `count` a corner, each once."""
         size = min(count, len(self.voxels_b))
         _, rows = self.tree_b.query(corners_b, k=np.arange(1, size + 1), distance_upper_bound=radius)
         rows = np.unique(rows)
@@ -76,8 +76,8 @@ def align_matches(
 ) -> tuple[np.ndarray, bool]:
     """Transform of matched corners and their neighbouring voxels, by optimistix.
 
-    The corners alone give the start; then the voxels of b around them are matched with the nearest voxels of a and
-    all are aligned together, several times, the search radius shrinking.
+    The corners alone give the start; then the voxels of b around them are matched with the nearest voxels of
+    a and all are aligned together, several times, the search radius shrinking.
 
     Args:
         points_a: Matched corners of a [m].

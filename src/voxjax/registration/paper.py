@@ -35,7 +35,7 @@ MIN_MATCHES = 6
 
 CONFLICT_WEIGHT = 6.0
 MIN_EVIDENCE = 0.1
-"""Wrong poses between different buildings reached 0.05 where hits and conflicts were counted (design trials)."""
+"""Wrong poses between different buildings reached 0.05 in trials where hits and conflicts were counted."""
 
 MAX_HYPOTHESES = 16
 """Tied schemes that are reported."""
@@ -54,8 +54,9 @@ def register_paper(
 ) -> Registration:
     """Register two maps as the paper does: corners, backtracking with early transform, tie-break, transform.
 
-    The paper knows no verdict. Here a pose is accepted when at least six corners match, occupied and free space of both
-    maps support it and no tied scheme with another pose fuses nearly as many voxels; the confidence is a rough figure.
+    The paper knows no verdict. Here a pose is accepted when at least six corners match, occupied and free
+    space of both maps support it and no tied scheme with another pose fuses nearly as many voxels; the
+    confidence is a rough figure.
 
     Args:
         a: The map whose frame the pose maps into.

@@ -1,4 +1,4 @@
-"""Refinement of a pose on the surfaces of two maps, by optimistix (section IV.D, beyond the matched corners)."""
+"""Refinement of a pose on the surfaces of two maps, by optimistix (section IV.D)."""
 
 from functools import partial
 from typing import NamedTuple
@@ -39,7 +39,7 @@ TOLERANCE = 1e-5
 """Relative and absolute; float32 gains nothing below (measured)."""
 
 PATCH_VOXELS = 50.0
-"""Surface voxels that share one error: maps are wrong by whole patches (drift, rounding), not voxel by voxel."""
+"""Surface voxels that share one error: maps are wrong by whole patches, not voxel by voxel."""
 
 PRIOR = 1.0
 """A direction that no surface fixes is uncertain by this [m, or m at the map's radius]."""
@@ -50,8 +50,8 @@ class Refinement(eqx.Module):
 
     Attributes:
         T_a_b: float32 (4, 4): maps points of b into a. Never worse than the start under the cost.
-        covariance: float32 (6, 6) of the tangent (translation [m], rotation [rad]) about the centroid of map b
-            expressed in frame a.
+        covariance: float32 (6, 6) of the tangent (translation [m], rotation [rad]) about the centroid of map
+            b expressed in frame a.
         result: `successful`, `not_converged`, `degenerate` or `empty_map`.
         num_steps: Steps of the solver, all levels together.
         cost_before: Robust cost of the start, in [0, 1] for bounded losses.
@@ -145,7 +145,7 @@ def refine(
 
 
 def surface_of(prepared: PreparedMap, *, is_signed: bool) -> Surface:
-    """What the residuals need of map a; `is_signed` if free space tells the sides of surfaces in both maps."""
+    """What the residuals need of map a; `is_signed` if free space tells sides apart in both maps."""
     rows = prepared.points, prepared.normals, prepared.planarity
     return Surface(prepared.keys, *prepared.block, *rows, jnp.asarray(is_signed))
 

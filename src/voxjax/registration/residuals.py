@@ -1,7 +1,7 @@
 """Residuals of points of one map against the surface of another, as functions of a small motion.
 
-The motion is a tangent (translation [m], rotation [rad]) about the centroid of map b expressed in frame a, so that
-both halves of it are decoupled and float32 keeps its digits.
+The motion is a tangent (translation [m], rotation [rad]) about the centroid of map b expressed in frame a, so
+that both halves of it are decoupled and float32 keeps its digits.
 """
 
 from typing import Literal, NamedTuple
@@ -90,8 +90,9 @@ def meet(
     """What the points of b meet under a pose.
 
     Returns:
-        Offset from the nearest voxel of a [m], the normal and the planarity there, and whether it is a match: there
-        is one in reach, and it does not face another way (the other side of a wall, a floor upon a ceiling).
+        Offset from the nearest voxel of a [m], the normal and the planarity there, and whether it is a match:
+        there is one in reach, and it does not face another way (the other side of a wall, a floor upon a
+        ceiling).
     """
     moved = rigid.apply(T, sample.points)
     key = lookup(surface.keys, surface.dims, surface.origin, surface.voxel_size, moved, NOTHING_NEAR)
@@ -105,7 +106,7 @@ def meet(
 
 
 def robustify(offset: Float[Array, "n 3"], loss: Loss) -> Float[Array, "n 3"]:
-    """Shrink offsets (in units of the robust scale) so that their square is the robust loss; smooth at zero."""
+    """Shrink offsets [robust scale] so that their square is the robust loss; smooth at zero."""
     squared = jnp.sum(offset * offset, axis=-1, keepdims=True)
     if loss == "squared":
         return offset
@@ -131,8 +132,8 @@ def surface_residuals(
 ) -> Float[Array, "n 3"]:
     """Weighted robust offsets of the points of b from the surface of a, in units of `scale`.
 
-    Across the surface an offset counts in full, along it by `SLIDE_WEIGHT` (in full where there is no plane). A point
-    with nothing in reach counts as one at the end of the field's reach, with no slope.
+    Across the surface an offset counts in full, along it by `SLIDE_WEIGHT` (in full where there is no plane).
+    A point with nothing in reach counts as one at the end of the field's reach, with no slope.
 
     Args:
         tangent: Motion after `T`.
@@ -167,8 +168,8 @@ def plane_information(
     """What the planes say about the pose.
 
     Returns:
-        The weighted sum of `J J^T` of the distances across the surface, about the centroid of b in frame a; the
-        weighted variance of these distances [m^2]; the sum of the weights that met a plane.
+        The weighted sum of `J J^T` of the distances across the surface, about the centroid of b in frame a;
+        the weighted variance of these distances [m^2]; the sum of the weights that met a plane.
     """
     arm = (sample.points - sample.centroid[None, :]) @ T[:3, :3].T
     gap, normal, planarity, is_match = meet(surface, sample, T)
