@@ -105,7 +105,7 @@ def test_hat_is_the_cross_product():
 def test_gradients_of_the_round_trip_are_the_identity_and_finite_even_at_pi():
     rows = jnp.asarray(np.stack([tangents(angle)[0] for angle in ANGLES]))
 
-    def round_trip(tangent: jax.Array) -> jax.Array:
+    def round_trip(tangent):
         return rigid.log(rigid.exp(tangent))
 
     forward = np.asarray(jax.jit(jax.vmap(jax.jacfwd(round_trip)))(rows))

@@ -157,6 +157,7 @@ def test_maps_of_nothing_become_one_unknown_voxel():
         moved, _, odds = resample_rigid(
             np.zeros(shape, np.uint8), np.zeros(3, np.float32), SIZE, T, np.zeros(shape, np.float32)
         )
+        assert odds is not None
         assert moved.shape == odds.shape == (1, 1, 1)
         assert not moved.any()
 

@@ -55,7 +55,7 @@ def test_log_odds_are_the_highest_of_the_known_parts():
     odds = np.array([-2, 0, -1, -0.5, 0, 0, 3, -1], np.float32).reshape(8, 1, 1)
     coarse, _, log_odds = rescale_states(states, np.zeros(3, np.float32), 0.1, 0.2, odds)
     np.testing.assert_array_equal(coarse[:, 0, 0], [1, 1, 0, 2])
-    np.testing.assert_array_equal(log_odds[:, 0, 0], [-2, -0.5, 0, 3])
+    np.testing.assert_array_equal(np.asarray(log_odds)[:, 0, 0], [-2, -0.5, 0, 3])
 
 
 def test_a_grid_off_the_lattice_comes_onto_it():

@@ -6,13 +6,13 @@ first.
 """
 
 import math
-import struct
 
 import numpy as np
 
 from .._checks import InputError
 from .._types import FREE, OCCUPIED, UNKNOWN
 from ..grid import VoxelGrid
+from .octomap_header import BINARY_LINE, FULL_LINE, read_header, read_legacy_header, write_header
 from .octree import (
     DEPTH,
     INNER,
@@ -33,18 +33,8 @@ MAX_VOXELS = 1 << 30
 LOG_ODDS_OCCUPIED = np.float32(math.log(0.971 / 0.029))
 LOG_ODDS_FREE = np.float32(math.log(0.1192 / 0.8808))
 
-_BINARY_LINE, _FULL_LINE = b"# Octomap OcTree binary file", b"# Octomap OcTree file"
-_COMMENT = b"# (feel free to add / change comments, but leave the first line as it is!)\n#"
-_LEGACY = struct.Struct("<idI")  # tree type 3, resolution, number of nodes; before OctoMap 1.0
-_MAX_HEADER = 65536
 _PLAIN_NODE = np.dtype([("log_odds", "<f4"), ("children", "u1")])
 _COLOR_NODE = np.dtype([("log_odds", "<f4"), ("rgb", "u1", 3), ("children", "u1")])
-_FULL_NODES = {
-    "OcTree": _PLAIN_NODE,
-    "1": _PLAIN_NODE,
-    "OcTreeStamped": _PLAIN_NODE,
-    "ColorOcTree": _COLOR_NODE,
-}
 # An origin this far off the lattice [voxels] is rounding: float32 is good to 0.002 at OctoMap's farthest
 # voxel.
 _LATTICE_TOLERANCE = 0.01
@@ -56,10 +46,10 @@ def decode_bt(data: bytes, *, max_voxels: int = MAX_VOXELS) -> VoxelGrid:
     Raises:
         InputError: If the bytes are no whole binary OctoMap file, or expand to more than `max_voxels`.
     """
-    if data.startswith(_BINARY_LINE):
-        _, size, resolution, start = _read_header(data)
+    if data.startswith(BINARY_LINE):
+        _, size, resolution, start = read_header(data)
     else:
-        size, resolution, start = _read_legacy_header(data)
+        _, size, resolution, start = read_legacy_header(data)
     if size == 0:
         return _grid_from_leaves([], resolution, max_voxels, start == len(data))
     if (len(data) - start) % 2:
@@ -89,12 +79,10 @@ def decode_ot(data: bytes, *, max_voxels: int = MAX_VOXELS) -> VoxelGrid:
         InputError: If the bytes are no whole OctoMap file of OcTree or ColorOcTree nodes, hold log-odds
             that are not finite, or expand to more than `max_voxels`.
     """
-    if not data.startswith(_FULL_LINE):
-        raise InputError(f"the first line must be {_FULL_LINE.decode()!r}")
-    tree_type, size, resolution, start = _read_header(data)
-    if tree_type not in _FULL_NODES:
-        raise InputError(f"trees of type {tree_type!r} cannot be read, only {', '.join(_FULL_NODES)}")
-    node = _FULL_NODES[tree_type]
+    if not data.startswith(FULL_LINE):
+        raise InputError(f"the first line must be {FULL_LINE.decode()!r}")
+    tree_type, size, resolution, start = read_header(data)
+    node = _COLOR_NODE if tree_type == "ColorOcTree" else _PLAIN_NODE
     if size == 0:
         return _grid_from_leaves([], resolution, max_voxels, start == len(data), with_log_odds=True)
     if (len(data) - start) % node.itemsize:
@@ -121,7 +109,7 @@ def encode_bt(grid: VoxelGrid) -> bytes:
     """
     low, states, _ = _known_box(grid)
     if low is None:
-        return _header(_BINARY_LINE, 0, grid.voxel_size)
+        return write_header(BINARY_LINE, 0, grid.voxel_size)
     levels = prune(states, None, low)
     keys, depths, words, num_nodes = [], [], [], 1
     for depth in range(DEPTH):
@@ -134,7 +122,7 @@ def encode_bt(grid: VoxelGrid) -> bytes:
         depths.append(np.full(len(index), depth, np.uint8))
     order = pre_order(np.concatenate(keys), np.concatenate(depths))
     return (
-        _header(_BINARY_LINE, num_nodes, grid.voxel_size)
+        write_header(BINARY_LINE, num_nodes, grid.voxel_size)
         + np.concatenate(words)[order].astype("<u2").tobytes()
     )
 
@@ -150,7 +138,7 @@ def encode_ot(grid: VoxelGrid) -> bytes:
     """
     low, states, log_odds = _known_box(grid)
     if low is None:
-        return _header(_FULL_LINE, 0, grid.voxel_size)
+        return write_header(FULL_LINE, 0, grid.voxel_size)
     if log_odds is None:
         log_odds = np.array([0.0, LOG_ODDS_FREE, LOG_ODDS_OCCUPIED], np.float32)[states]
     levels = prune(states, _checked_log_odds(states, log_odds), low)
@@ -173,7 +161,7 @@ def encode_ot(grid: VoxelGrid) -> bytes:
         else:
             break
     order = pre_order(np.concatenate(keys), np.concatenate(depths))
-    return _header(_FULL_LINE, len(order), grid.voxel_size) + np.concatenate(nodes)[order].tobytes()
+    return write_header(FULL_LINE, len(order), grid.voxel_size) + np.concatenate(nodes)[order].tobytes()
 
 
 def _child_keys(key: np.ndarray, child: np.ndarray, depth: int) -> np.ndarray:
@@ -251,67 +239,3 @@ def _checked_log_odds(states: np.ndarray, log_odds: np.ndarray) -> np.ndarray:
 def _check_size(stated: int, found: int) -> None:
     if stated != found:
         raise InputError(f"the header says {stated:,} nodes, but the data hold {found:,}")
-
-
-def _header(first_line: bytes, num_nodes: int, resolution: float) -> bytes:
-    # OctoMap prints six digits; all digits are given where six are not enough to get the same number back.
-    short = f"{resolution:g}"
-    text = short if float(short) == resolution else repr(float(resolution))
-    lines = (
-        first_line,
-        _COMMENT,
-        b"id OcTree",
-        b"size %d" % num_nodes,
-        b"res " + text.encode(),
-        b"data",
-        b"",
-    )
-    return b"\n".join(lines)
-
-
-def _read_header(data: bytes) -> tuple[str, int, float, int]:
-    """Type, number of nodes, resolution [m] and start of the data."""
-    fields: dict[str, str] = {}
-    position = data.find(b"\n") + 1
-    while 0 < position < min(len(data), _MAX_HEADER):
-        end = data.find(b"\n", position, position + _MAX_HEADER)
-        if end < 0:
-            break
-        words = data[position:end].decode("latin-1").split()
-        position = end + 1
-        if words and words[0] == "data":
-            return _checked_fields(fields, position)
-        if len(words) >= 2 and not words[0].startswith("#"):
-            fields[words[0]] = words[1]
-    raise InputError("the header has no line 'data' (truncated or not an OctoMap file)")
-
-
-def _checked_fields(fields: dict[str, str], start: int) -> tuple[str, int, float, int]:
-    missing = [name for name in ("id", "size", "res") if name not in fields]
-    if missing:
-        raise InputError(f"the header lacks the line {missing[0]!r}")
-    if fields["id"] not in _FULL_NODES:
-        raise InputError(f"the header's id must be one of {', '.join(_FULL_NODES)}, got {fields['id']!r}")
-    if not (fields["size"].isascii() and fields["size"].isdigit()):
-        raise InputError(f"the header's size must be a whole number, got {fields['size']!r}")
-    try:
-        resolution = float(fields["res"])
-    except ValueError:
-        raise InputError(f"the header's res must be a number, got {fields['res']!r}") from None
-    return fields["id"], int(fields["size"]), _checked_resolution(resolution), start
-
-
-def _read_legacy_header(data: bytes) -> tuple[int, float, int]:
-    """Number of nodes, resolution [m] and start of the data of a file from before OctoMap 1.0."""
-    if len(data) < _LEGACY.size or data[:4] != b"\x03\x00\x00\x00":
-        raise InputError(
-            f"the first line must be {_BINARY_LINE.decode()!r}, and there is no old-style header either"
-        )
-    _, resolution, size = _LEGACY.unpack_from(data)
-    return size, _checked_resolution(resolution), _LEGACY.size
-
-
-def _checked_resolution(resolution: float) -> float:
-    if not (math.isfinite(resolution) and resolution > 0.0):
-        raise InputError(f"the resolution must be a finite number above 0 m, got {resolution!r}")
-    return resolution

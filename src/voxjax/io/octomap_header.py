@@ -1,0 +1,103 @@
+"""Headers of OctoMap files: text lines up to `data`, or the few bytes of files from before OctoMap 1.0."""
+
+import math
+import struct
+from typing import NamedTuple
+
+from .._checks import InputError
+
+BINARY_LINE, FULL_LINE = b"# Octomap OcTree binary file", b"# Octomap OcTree file"
+_COMMENT = b"# (feel free to add / change comments, but leave the first line as it is!)\n#"
+_LEGACY = struct.Struct("<idI")  # tree type 3, resolution, number of nodes
+_MAX_HEADER = 65536
+# "1" is what early versions wrote for OcTree.
+TREE_TYPES = ("OcTree", "1", "OcTreeStamped", "ColorOcTree")
+
+
+class Header(NamedTuple):
+    """What a header says.
+
+    Attributes:
+        tree_type: Such as "OcTree".
+        num_nodes: Inner nodes and leaves.
+        resolution: Edge length of a voxel [m].
+        start: First byte of the data.
+    """
+
+    tree_type: str
+    num_nodes: int
+    resolution: float
+    start: int
+
+
+def write_header(first_line: bytes, num_nodes: int, resolution: float) -> bytes:
+    """Bytes of the header of a plain tree, up to the data."""
+    # OctoMap prints six digits; all digits are given where six are not enough to get the same number back.
+    short = f"{resolution:g}"
+    text = short if float(short) == resolution else repr(float(resolution))
+    lines = (
+        first_line,
+        _COMMENT,
+        b"id OcTree",
+        b"size %d" % num_nodes,
+        b"res " + text.encode(),
+        b"data",
+        b"",
+    )
+    return b"\n".join(lines)
+
+
+def read_header(data: bytes) -> Header:
+    """Read a text header.
+
+    Raises:
+        InputError: If it does not end, or a line is missing or wrong.
+    """
+    fields: dict[str, str] = {}
+    position = data.find(b"\n") + 1
+    while 0 < position < min(len(data), _MAX_HEADER):
+        end = data.find(b"\n", position, position + _MAX_HEADER)
+        if end < 0:
+            break
+        words = data[position:end].decode("latin-1").split()
+        position = end + 1
+        if words and words[0] == "data":
+            return _checked_fields(fields, position)
+        if len(words) >= 2 and not words[0].startswith("#"):
+            fields[words[0]] = words[1]
+    raise InputError("the header has no line 'data' (truncated or not an OctoMap file)")
+
+
+def _checked_fields(fields: dict[str, str], start: int) -> Header:
+    missing = [name for name in ("id", "size", "res") if name not in fields]
+    if missing:
+        raise InputError(f"the header lacks the line {missing[0]!r}")
+    if fields["id"] not in TREE_TYPES:
+        raise InputError(f"the header's id must be one of {', '.join(TREE_TYPES)}, got {fields['id']!r}")
+    if not (fields["size"].isascii() and fields["size"].isdigit()):
+        raise InputError(f"the header's size must be a whole number, got {fields['size']!r}")
+    try:
+        resolution = float(fields["res"])
+    except ValueError:
+        raise InputError(f"the header's res must be a number, got {fields['res']!r}") from None
+    return Header(fields["id"], int(fields["size"]), _checked_resolution(resolution), start)
+
+
+def read_legacy_header(data: bytes) -> Header:
+    """Read the header of a binary file from before OctoMap 1.0.
+
+    Raises:
+        InputError: If it is none.
+    """
+    if len(data) < _LEGACY.size or data[:4] != b"\x03\x00\x00\x00":
+        raise InputError(
+            f"the first line must be {BINARY_LINE.decode()!r}, and there is no old-style header either"
+        )
+    _, resolution, size = _LEGACY.unpack_from(data)
+    return Header("OcTree", size, _checked_resolution(resolution), _LEGACY.size)
+
+
+def _checked_resolution(resolution: float) -> float:
+    if not (math.isfinite(resolution) and resolution > 0.0):
+        raise InputError(f"the resolution must be a finite number above 0 m, got {resolution!r}")
+    return resolution
