@@ -72,9 +72,7 @@ def make_building(
         rng, width=width, row_depths=depths, room_widths=rooms, corridor_row=corridor_row, skew=skew
     )
     height = float(rng.uniform(2.5, 3.0)) if height is None else height
-    pieces = [
-        p for room in plan.rooms for p in furnish(rng, room, plan.doors, height=height, clutter=clutter)
-    ]
+    pieces = [p for room in plan.rooms for p in furnish(rng, plan, room, height=height, clutter=clutter)]
     return _assemble(plan, height, pieces)
 
 
@@ -104,7 +102,9 @@ def make_hotel(
     )  # fmt: skip
     height = float(rng.uniform(2.5, 2.9))
     first = plan.rooms[0]
-    template = furnish(rng, first, plan.doors, height=height, clutter=clutter)
+    # Rooms all but empty would be equal whatever is moved; the fullest of a few draws is taken.
+    draws = [furnish(rng, plan, first, height=height, clutter=clutter) for _ in range(5)]
+    template = max(draws, key=len)
     pieces = []
     for index, room in enumerate(plan.rooms):
         if room.is_corridor:
@@ -113,7 +113,7 @@ def make_hotel(
         centre, new_centre = first.polygon.mean(axis=0), room.polygon.mean(axis=0)
         kept = [turned(piece, centre, new_centre, sign) for piece in template if rng.random() >= moved_share]
         pieces += kept
-        others = furnish(rng, room, plan.doors, height=height, clutter=clutter)
+        others = furnish(rng, plan, room, height=height, clutter=clutter)
         pieces += _clear_of(others, kept)[: len(template) - len(kept)]
     return _assemble(plan, height, pieces)
 
@@ -135,7 +135,7 @@ def _assemble(plan: Plan, height: float, furniture: list[list[Item]]) -> Buildin
     parts = [part for wall in plan.walls for part in _wall_parts(wall, height)]
     row_ends = np.asarray([p for wall in plan.walls for p in (wall.start, wall.end)])
     low, high = row_ends.min(axis=0) - WALL_THICKNESS, row_ends.max(axis=0) + WALL_THICKNESS
-    slab = rectangle(0.5 * (low + high), *(high - low), 0.0)
+    slab = rectangle(0.5 * (low + high), high[0] - low[0], high[1] - low[1], 0.0)
     parts += [(slab, -SLAB_THICKNESS, 0.0, "floor"), (slab, height, height + SLAB_THICKNESS, "ceiling")]
     parts += [(i.footprint, i.bottom, i.top, "furniture") for piece in furniture for i in piece]
     return Building(plan, height, furniture, make_prisms(parts), find_true_corners(plan, height, furniture))

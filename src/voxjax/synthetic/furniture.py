@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .layout import Door, Room
+from .layout import Plan, Room
 from .prisms import rectangle
 
 
@@ -25,14 +25,14 @@ class Item(NamedTuple):
 
 
 def furnish(
-    rng: np.random.Generator, room: Room, doors: list[Door], *, height: float, clutter: float
+    rng: np.random.Generator, plan: Plan, room: Room, *, height: float, clutter: float
 ) -> list[list[Item]]:
     """Draw the pieces of a room; each is a list of solids (a table has a top and four legs).
 
     Args:
         rng: Source of chance.
+                plan: The building's plan; the surroundings of doors and windows are kept clear.
         room: The room.
-        doors: Doors of the building; their surroundings are kept clear.
         height: Of the room [m]; pillars reach it.
         clutter: 1 for about three pieces in a room of 20 m².
     """
@@ -44,7 +44,7 @@ def furnish(
         if len(pieces) >= wanted:
             break
         piece = _draw_piece(rng, polygon, height)
-        if _fits(piece, polygon, doors, pieces):
+        if _fits(piece, polygon, plan, pieces):
             pieces.append(piece)
     return pieces
 
@@ -83,7 +83,7 @@ def _along_wall(rng: np.random.Generator, polygon: np.ndarray, kind: str) -> Ite
     """A solid whose first side lies on a side of the room."""
     sizes = {"cabinet": (0.8, 1.8, 0.4, 0.65, 1.2, 2.1), "shelf": (0.6, 1.2, 0.3, 0.4, 0.8, 1.9),
              "bed": (0.8, 1.6, 1.8, 2.1, 0.4, 0.55)}[kind]  # fmt: skip
-    length, depth, top = (rng.uniform(*sizes[2 * i : 2 * i + 2]) for i in range(3))
+    length, depth, top = (rng.uniform(sizes[2 * i], sizes[2 * i + 1]) for i in range(3))
     side = rng.integers(4)
     start, end = polygon[side], polygon[(side + 1) % 4]
     u = (end - start) / np.linalg.norm(end - start)
@@ -103,7 +103,7 @@ def _table(rng: np.random.Generator, centre: np.ndarray, yaw: float) -> list[Ite
     return [slab, *(Item(rectangle(leg, 0.07, 0.07, yaw), 0.0, float(top) - 0.05, False) for leg in legs)]
 
 
-def _fits(piece: list[Item], polygon: np.ndarray, doors: list[Door], others: list[list[Item]]) -> bool:
+def _fits(piece: list[Item], polygon: np.ndarray, plan: Plan, others: list[list[Item]]) -> bool:
     """Whether the piece keeps clear of walls, doors and other pieces."""
     footprint, at_wall = piece[0].footprint, piece[0].is_at_wall
     along = np.roll(polygon, -1, axis=0) - polygon
@@ -113,7 +113,9 @@ def _fits(piece: list[Item], polygon: np.ndarray, doors: list[Door], others: lis
     if clear < 0.35 or np.min(gaps) < -1e-6:
         return False
     centre, radius = _circle(footprint)
-    if any(np.linalg.norm(door.centre - centre) < radius + 0.8 for door in doors):
+    if any(np.linalg.norm(door.centre - centre) < radius + 0.8 for door in plan.doors):
+        return False
+    if any(np.linalg.norm(window[:2] - centre) < radius + window[2] + 0.1 for window in plan.windows):
         return False
     circles = [_circle(other[0].footprint) for other in others]
     return all(np.linalg.norm(c - centre) > 0.85 * (r + radius) + 0.15 for c, r in circles)

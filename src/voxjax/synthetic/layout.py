@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 WALL_THICKNESS = 0.2
+
 _DOOR_HEIGHT = 2.05
 _CORNER_CLEARANCE = 0.45  # no opening nearer to a corner of a room [m]
 
@@ -80,11 +81,19 @@ class Door:
 
 @dataclass(frozen=True)
 class Plan:
-    """Walls, rooms and doors of one storey."""
+    """Walls, rooms, doors and windows of one storey.
+
+    Attributes:
+        walls: All walls.
+        rooms: Row by row.
+        doors: Between rooms.
+        windows: Middle and half the width of each window, (3,) [m].
+    """
 
     walls: list[Wall]
     rooms: list[Room]
     doors: list[Door]
+    windows: list[np.ndarray]
 
 
 def make_plan(
@@ -168,9 +177,10 @@ class _PlanBuilder:
     def build(self) -> Plan:
         """Cut doors and windows and return the plan."""
         doors = self._cut_doors()
-        self._cut_windows()
+        windows = self._cut_windows()
+
         walls = [*self.row_walls, *(w for columns in self.column_walls for w in columns)]
-        return Plan(walls, self.rooms, doors)
+        return Plan(walls, self.rooms, doors, windows)
 
     def _inner_polygon(self, j: int, k: int) -> np.ndarray:
         """Inner corners of room k of row j, half a wall inside the centre lines."""
@@ -235,11 +245,13 @@ class _PlanBuilder:
         return None
 
     def _equal_place(self, room_after: int) -> float:
-        """Where the door sits in equal rooms: the rooms after the corridor are those before it, turned by 180°."""
+        """Where the door sits in equal rooms: those after the corridor are turned by 180 degrees."""
         return 0.8 if self.rooms[room_after].is_corridor else 0.2
 
-    def _cut_windows(self) -> None:
-        """Windows in outer walls, one for about every second room that has one."""
+    def _cut_windows(self) -> list[np.ndarray]:
+        """Windows in about every third outer wall of a room."""
+        windows = []
+
         last = len(self.rows) - 1
         for (j, k), room in self.place.items():
             polygon = self.rooms[room].polygon
@@ -253,13 +265,17 @@ class _PlanBuilder:
             if (j, k + 1) not in self.place:
                 outer.append((self.column_walls[j][-1], polygon[[1, 2]]))
             for wall, ends in outer:
-                if self.rng.random() < (0.0 if self.equal_rooms else 0.5):
-                    self._cut_window(wall, ends)
+                if self.rng.random() < (0.0 if self.equal_rooms else 0.35):
+                    windows += self._cut_window(wall, ends)
+        return windows
 
-    def _cut_window(self, wall: Wall, ends: np.ndarray) -> None:
-        """One window between the inner corners `ends`."""
+    def _cut_window(self, wall: Wall, ends: np.ndarray) -> list[np.ndarray]:
+        """One window between the inner corners `ends`, if there is place."""
         low, high = (ends - wall.start) @ wall.along
         width = min(float(self.rng.uniform(0.8, 1.8)), high - low - 2 * _CORNER_CLEARANCE)
         start = low + _CORNER_CLEARANCE + self.rng.random() * (high - low - 2 * _CORNER_CLEARANCE - width)
-        if width > 0.5 and not wall.is_open_near(start, width):
-            wall.openings.append(Opening(float(start), width, 0.9, 2.1))
+        if width <= 0.5 or wall.is_open_near(start, width):
+            return []
+        wall.openings.append(Opening(float(start), width, 0.9, 2.1))
+        middle = wall.start + (start + 0.5 * width) * wall.along
+        return [np.asarray([*middle, 0.5 * width])]

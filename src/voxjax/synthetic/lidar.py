@@ -31,9 +31,9 @@ class Lidar:
     """
 
     elevations: np.ndarray = field(default_factory=_elevations)
-    num_azimuths: int = 240
+    num_azimuths: int = 256
     max_range: float = 18.0
-    free_range: float = 8.0
+    free_range: float = 5.0
     range_noise: float = 0.02
     dropout: float = 0.08
     people: float = 0.4
@@ -81,15 +81,14 @@ def take_scan(rng: np.random.Generator, building: Building, T_world_sensor: np.n
 
 
 def measure_ranges(solids: Prisms, origin: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """Distances (n,) [m] from one origin to the nearest solid along unit vectors, inf where nothing is met."""
+    """Distances (n,) [m] from one origin to the nearest solid along unit vectors, inf without echo."""
     # Sizes climb the ladder, so that buildings and people of all numbers share one compiled caster.
     size = bucket_size(len(solids.kind) + _MAX_PEOPLE)
     arrays = (solids.side_normals, solids.side_offsets, solids.z_range)
     padded = [pad_rows(array.astype(np.float32), size) for array in arrays]
     mask = np.arange(size) < len(solids.kind)
-    return np.asarray(
-        cast_rays(origin.astype(np.float32), directions.astype(np.float32), *padded, mask), np.float64
-    )
+    ranges = cast_rays(origin.astype(np.float32), directions.astype(np.float32), *padded, mask)
+    return np.asarray(ranges, np.float64)
 
 
 def _draw_people(rng: np.random.Generator, near: np.ndarray, mean: float) -> Prisms:
@@ -98,8 +97,7 @@ def _draw_people(rng: np.random.Generator, near: np.ndarray, mean: float) -> Pri
     for _ in range(min(rng.poisson(mean), _MAX_PEOPLE)):
         angle, distance = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.8, 4.0)
         centre = near[:2] + distance * np.asarray([np.cos(angle), np.sin(angle)])
-        footprint = rectangle(
-            centre, rng.uniform(0.4, 0.55), rng.uniform(0.22, 0.35), rng.uniform(0.0, np.pi)
-        )
+        size = rng.uniform((0.4, 0.22), (0.55, 0.35))
+        footprint = rectangle(centre, size[0], size[1], rng.uniform(0.0, np.pi))
         parts.append((footprint, 0.0, rng.uniform(1.55, 1.9), "person"))
     return make_prisms(parts)

@@ -1,4 +1,4 @@
-"""Maps from scans and poses: log-odds integration by ray casting in the map's own frame, as OctoMap does it."""
+"""Maps from scans and poses: log-odds integration by ray casting in the map's own frame, like OctoMap."""
 
 from typing import NamedTuple
 

@@ -1,7 +1,7 @@
 """Which true corners a map shows."""
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from ..grid import VoxelGrid
 from .true_corners import TrueCorners
@@ -29,7 +29,7 @@ def observed_corners(corners: TrueCorners, grid: VoxelGrid, T_world_map: np.ndar
     normals = corners.normals @ T_map_world[:3, :3].T
     points = grid.occupied_points().astype(np.float64)
     reach = max(_REACH, 4.0 * grid.voxel_size)
-    nearby = cKDTree(points).query_ball_point(position, reach)
+    nearby = KDTree(points).query_ball_point(position, reach)
     for i, indices in enumerate(nearby):
         seen[i] = _shows_faces(points[indices] - position[i], normals[i], grid.voxel_size)
     free = np.asarray(grid.states) == 1

@@ -101,7 +101,7 @@ def cast_rays(
     # A ray parallel to a face crosses its plane far away, on the side where it lies.
     tiny = jnp.float32(1e-9)
 
-    def nonzero(speed: jax.Array) -> jax.Array:
+    def nonzero(speed: Array) -> jax.Array:
         return jnp.where(jnp.abs(speed) < tiny, tiny, speed)
 
     inverse_dz = jnp.float32(1.0) / nonzero(dz)

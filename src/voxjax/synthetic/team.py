@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from ..grid import VoxelGrid
@@ -48,7 +48,7 @@ class Team:
         return np.linalg.inv(T_world_a) @ T_world_b
 
     def overlap(self, a: int, b: int) -> float:
-        """Share of the occupied voxels of b within 1.5 voxels of one of a, under the truth; 0 for strangers."""
+        """Share of the occupied voxels of b within 1.5 voxels of one of a; 0 for strangers."""
         T_a_b = self.true_pose(a, b)
         return 0.0 if T_a_b is None else measure_overlap(self.grids[a], self.grids[b], T_a_b)
 
@@ -146,7 +146,7 @@ def draw_frame(rng: np.random.Generator, frame: Frame) -> np.ndarray:
 def measure_overlap(a: VoxelGrid, b: VoxelGrid, T_a_b: np.ndarray) -> float:
     """Share of the occupied voxel centres of b within 1.5 voxels of one of a, under `T_a_b`."""
     points = b.occupied_points().astype(np.float64) @ T_a_b[:3, :3].T + T_a_b[:3, 3]
-    distance, _ = cKDTree(a.occupied_points()).query(points, distance_upper_bound=1.5 * a.voxel_size)
+    distance, _ = KDTree(a.occupied_points()).query(points, distance_upper_bound=1.5 * a.voxel_size)
     return float(np.isfinite(distance).mean()) if len(points) else 0.0
 
 

@@ -20,6 +20,15 @@ def choose_rooms(
     Returns:
         The rooms of each robot, sorted, and the shared ones.
     """
+    draws = [_share_out(rng, building, num_robots, overlap) for _ in range(8)]
+    # A fair draw gives the robot with the fewest rooms as many as can be.
+    return max(draws, key=lambda draw: min(len(rooms) for rooms in draw[0]))
+
+
+def _share_out(
+    rng: np.random.Generator, building: Building, num_robots: int, overlap: float
+) -> tuple[list[list[int]], list[int]]:
+    """One draw: grow the shared part, then the robots' own parts in turns until no room can be reached."""
     num_shared = int(np.clip(np.ceil(overlap * building.num_rooms - 1e-9), 1, building.num_rooms))
     shared = {int(rng.integers(building.num_rooms))}
     while len(shared) < num_shared:
@@ -44,7 +53,7 @@ def _pick_neighbour(rng: np.random.Generator, building: Building, own: set[int],
 
 
 def walk_rooms(
-    rng: np.random.Generator, building: Building, rooms: list[int], *, step: float = 1.0
+    rng: np.random.Generator, building: Building, rooms: list[int], *, step: float = 0.9
 ) -> np.ndarray:
     """A way through the rooms, as sensor poses about `step` [m] apart.
 
@@ -72,7 +81,7 @@ def walk_rooms(
     return poses[is_clear]
 
 
-def pose_of(position: np.ndarray, roll_pitch_yaw: object) -> np.ndarray:
+def pose_of(position: np.ndarray, roll_pitch_yaw: np.ndarray | list[float]) -> np.ndarray:
     """Pose (4, 4) of a position and of roll, pitch and yaw [rad] about fixed x, y, z."""
     (sa, sb, sc), (ca, cb, cc) = np.sin(roll_pitch_yaw), np.cos(roll_pitch_yaw)
     about_x = np.asarray([[1.0, 0, 0], [0, ca, -sa], [0, sa, ca]])
