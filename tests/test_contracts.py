@@ -1,0 +1,142 @@
+"""The contract with users: names, signatures, documentation, README."""
+
+import ast
+import importlib
+import inspect
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import voxjax
+
+ROOT = Path(__file__).parent.parent
+SOURCE = ROOT / "src" / "voxjax"
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+NAMES = [
+    "read_map", "write_map", "VoxelGrid", "box_count", "classify_voxels", "detect_corners", "Corners",
+    "consistency_graph", "maximum_common_subgraph", "register", "Registration", "refine", "fuse", "merge",
+]  # fmt: skip
+
+POSITIONAL = {
+    "read_map": ["path"], "write_map": ["path", "grid"], "box_count": 1, "classify_voxels": 1, "detect_corners": 1,
+    "consistency_graph": 2, "maximum_common_subgraph": 2, "register": ["a", "b"], "refine": ["a", "b", "T_a_b"],
+    "fuse": ["grids", "poses"], "merge": ["grids"],
+}  # fmt: skip
+
+OPTIONS = {
+    "box_count": {"size"}, "detect_corners": {"virtual"}, "maximum_common_subgraph": {"method"}, "fuse": {"rule"},
+    "register": {"preset", "gravity_aligned", "init_guess"}, "merge": {"preset", "rule", "gravity_aligned"},
+}  # fmt: skip
+
+
+REQUIRED = {name: {"distance_tolerance"} for name in ("consistency_graph", "maximum_common_subgraph")}
+"""Corners alone do not say how accurate their maps are."""
+
+
+def _modules():
+    """Names of all modules of the package."""
+    for path in sorted(SOURCE.rglob("*.py")):
+        parts = path.relative_to(SOURCE.parent).with_suffix("").parts
+        yield ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def _public(body):
+    """Functions and classes without a leading underscore."""
+    definitions = [node for node in body if isinstance(node, (ast.FunctionDef, ast.ClassDef))]
+    return [node for node in definitions if not node.name.startswith("_")]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_agreed_names_are_there_and_documented(name):
+    assert name in voxjax.__all__
+    assert name in dir(voxjax)
+    assert inspect.getdoc(getattr(voxjax, name))
+
+
+@pytest.mark.parametrize("name", POSITIONAL)
+def test_data_comes_first_and_options_are_keyword_only(name):
+    parameters = inspect.signature(getattr(voxjax, name)).parameters.values()
+    positional = [p.name for p in parameters if p.kind is not inspect.Parameter.KEYWORD_ONLY]
+    expected = POSITIONAL[name]
+    assert len(positional) == expected if isinstance(expected, int) else positional == expected
+    options = [p for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY]
+    required = {p.name for p in options if p.default is inspect.Parameter.empty}
+    assert required <= REQUIRED.get(name, set())
+    assert OPTIONS.get(name, set()) <= {p.name for p in options}
+
+
+def test_unknown_names_are_attribute_errors():
+    with pytest.raises(AttributeError, match="no attribute 'mergee'"):
+        voxjax.mergee  # noqa: B018
+
+
+def test_importing_voxjax_imports_neither_jax_nor_numpy():
+    code = "import sys, voxjax; sys.exit(sum(name in sys.modules for name in ('jax', 'numpy', 'equinox')))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("module", list(_modules()))
+def test_what_is_public_is_documented_and_annotated(module):
+    tree = ast.parse(inspect.getsource(importlib.import_module(module)))
+    assert ast.get_docstring(tree), module
+    outer = _public(tree.body)
+    inner = [node for scope in outer if isinstance(scope, ast.ClassDef) for node in _public(scope.body)]
+    for node in [*outer, *inner]:
+        assert ast.get_docstring(node), f"{module}.{node.name} has no docstring"
+        if isinstance(node, ast.FunctionDef):
+            arguments = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+            bare = [a.arg for a in arguments if a.annotation is None and a.arg not in ("self", "cls")]
+            assert not bare, f"{module}.{node.name}: no annotation of {bare}"
+
+
+def test_files_are_short():
+    for path in [*SOURCE.rglob("*.py"), *(ROOT / "tests").rglob("*.py"), *(ROOT / "bench").rglob("*.py")]:
+        assert len(path.read_text(encoding="utf-8").splitlines()) <= 400, path
+
+
+def test_the_package_says_that_it_is_typed():
+    assert (SOURCE / "py.typed").is_file()
+
+
+def test_oracles_import_nothing_of_voxjax():
+    for path in (ROOT / "tests" / "oracles").glob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert not any(name.split(".")[0] in ("voxjax", "jax") for name in names), path
+
+
+def test_the_readme_has_the_two_set_up_commands():
+    blocks = re.findall(r"<!-- setup: (\w+) -->\n```sh\n(.*?)```", README, re.DOTALL)
+    assert [name for name, _ in blocks] == ["demo", "tests"]
+    assert all(len(command.splitlines()) == 1 for _, command in blocks)
+    demo, tests = (command.strip() for _, command in blocks)
+    assert demo.startswith("python3 -m venv .venv && ")
+    assert demo.endswith("voxjax demo")
+    assert "pytest" in tests
+
+
+def test_functions_that_the_readme_names_exist():
+    names = set(re.findall(r"`voxjax((?:\.\w+)+)`", README))
+    assert len(names) > 10
+    for name in names:
+        *modules, function = name.strip(".").split(".")
+        assert callable(getattr(importlib.import_module(".".join(["voxjax", *modules])), function)), name
+
+
+def test_the_readme_s_python_uses_names_that_exist():
+    for block in re.findall(r"```python\n(.*?)```", README, re.DOTALL):
+        for node in ast.walk(ast.parse(block)):
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "vx":
+                assert node.attr in voxjax.__all__
+
+
+def test_the_version_is_that_of_the_changelog():
+    changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert re.findall(r"^## (\S+)", changes, re.MULTILINE)[0] == voxjax.__version__
+    assert f'version = "{voxjax.__version__}"' in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
