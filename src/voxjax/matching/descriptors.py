@@ -1,7 +1,7 @@
-"""Surface points of a map with local descriptors, computed once a map, and their mutual matches with another map.
+"""Surface points of a map with local descriptors, computed once a map, and their matches with another map.
 
-The occupied voxels are averaged on a working lattice two to three voxels wide, described at two scales, and matched
-scale by scale. Everything is padded to a ladder of sizes, so that another map compiles nothing new.
+The occupied voxels are averaged on a working lattice two to three voxels wide, described at two scales, and
+matched scale by scale. Everything is padded to a ladder of sizes, so that another map compiles nothing new.
 """
 
 import equinox as eqx
@@ -22,12 +22,14 @@ SPACING_IN_VOXELS = 2.5
 MAX_SPACING = 0.3
 """Largest working spacing [m] chosen by itself: furniture has no shape beyond it."""
 SCALES = (1.0, 1.6)
-"""Scales at which a map is described: rooms full of small things match at the fine one, halls at the coarse one."""
+"""Scales at which a map is described: rooms full of small things match at the fine one, halls at the coarse."""
+MAX_FINE_POINTS = 24576
+"""Maps with more points at the fine scale are described at the coarse one only: time grows with the square."""
 NORMAL_RADIUS = 3.0
 DESCRIPTOR_RADIUS = 5.0
 """Radii of the normal and of the descriptor, in working spacings."""
 MAX_NEIGHBORS = 128
-"""Nearest neighbours kept a point; a plane has 80 within the radius, clutter 160. What is cut off is counted."""
+"""Nearest neighbours kept a point; a plane has 80 within the radius, clutter 160. Points with more are counted."""
 
 
 class DescriptorLevel(eqx.Module):
@@ -81,10 +83,10 @@ def describe_map(
 
     Args:
         grid: The map.
-        spacing: Working spacing [m]; the same for all maps that will be matched (`working_spacing`). None: by the
-            voxel size of this map.
-        use_free_space: Sign the normals toward free space. None: if the map has free voxels. Maps that will be
-            matched need the same choice, so give False when one of them has no free space.
+        spacing: Working spacing [m]; the same for all maps that will be matched (`working_spacing`). None: by
+            the voxel size of this map.
+        use_free_space: Sign the normals toward free space. None: if the map has free voxels. Maps that will
+            be matched need the same choice, so give False when one of them has no free space.
 
     Returns:
         Descriptors; without any point where the map has no occupied voxel.
@@ -102,8 +104,13 @@ def describe_map(
     center = points.mean(axis=0, dtype=np.float64) if len(points) else np.zeros(3)
     centred = points.astype(np.float64) - center
     toward_free = _free_directions(np.asarray(grid.states), index) if use_free else None
-    levels = tuple(_describe_level(centred, toward_free, scale * spacing) for scale in SCALES)
-    return MapDescriptors(levels, center.astype(np.float32), "free" if use_free else "surroundings")
+    levels = []
+    for scale in SCALES:
+        cell, means = _average_by_cell(centred, scale * spacing)
+        if scale == SCALES[-1] or len(means) <= MAX_FINE_POINTS:
+            side = None if toward_free is None else _sum_by_cell(cell, toward_free, len(means))
+            levels.append(_describe_level(means, side, scale * spacing))
+    return MapDescriptors(tuple(levels), center.astype(np.float32), "free" if use_free else "surroundings")
 
 
 def match_descriptors(
@@ -132,25 +139,20 @@ def match_descriptors(
     return matches, np.asarray(square)[rows]
 
 
-def _describe_level(points: np.ndarray, toward_free: np.ndarray | None, spacing: float) -> DescriptorLevel:
-    """Average on the working lattice, then normals, their signs and descriptors."""
-    cell_of_voxel, means = _average_by_cell(points, spacing)
-    count = len(means)
+def _describe_level(points: np.ndarray, side: np.ndarray | None, spacing: float) -> DescriptorLevel:
+    """Normals of the averaged points, their signs (toward `side`, or the surroundings), and descriptors."""
+    count = len(points)
     size = bucket_size(count, 512)
-    neighbors, distances, num_truncated = _neighbor_table(means, DESCRIPTOR_RADIUS * spacing, size)
-    padded = pad_rows(means.astype(np.float32), size)
+    neighbors, distances, num_truncated = _neighbor_table(points, DESCRIPTOR_RADIUS * spacing, size)
+    padded = pad_rows(points.astype(np.float32), size)
     normals, _ = surface_normals(padded, neighbors, distances, radius=NORMAL_RADIUS * spacing)
     normals = np.array(normals)
-    if toward_free is None:
-        side = _toward_surroundings(means, 4.0 * spacing)
-    else:
-        side = _sum_by_cell(cell_of_voxel, toward_free, count)
+    side = _toward_surroundings(points, 4.0 * spacing) if side is None else side
     normals[:count] *= np.where(np.sum(normals[:count] * side, axis=1) < 0.0, -1.0, 1.0)[:, None]
     descriptors = point_feature_histograms(
         padded, normals, neighbors, distances, radius=DESCRIPTOR_RADIUS * spacing, spacing=spacing
     )
-    mask = np.arange(size) < count
-    return DescriptorLevel(padded, normals, descriptors, mask, spacing, num_truncated)
+    return DescriptorLevel(padded, normals, descriptors, np.arange(size) < count, spacing, num_truncated)
 
 
 def _average_by_cell(points: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
@@ -173,7 +175,7 @@ def _sum_by_cell(cell: np.ndarray, vectors: np.ndarray, count: int) -> np.ndarra
 
 
 def _neighbor_table(points: np.ndarray, radius: float, size: int) -> tuple[np.ndarray, np.ndarray, int]:
-    """Nearest neighbours within `radius`, nearest first, padded to `size` rows; and the number of full lists."""
+    """Nearest neighbours within `radius`, nearest first, padded to `size` rows; and how many lists are full."""
     neighbors = np.zeros((size, MAX_NEIGHBORS), np.int32)
     distances = np.full((size, MAX_NEIGHBORS), np.inf, np.float32)
     if not len(points):

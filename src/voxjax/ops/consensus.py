@@ -1,7 +1,7 @@
-"""Agreement of point matches: which pairs of matches fit one rigid motion, and greedy cliques of those that do.
+"""Agreement of point matches: which pairs fit one rigid motion, greedy cliques of those that do, and poses.
 
-A match is a point with a normal in each of two maps. Two matches agree when the distance of their points, the angle
-of their normals and the angles of each normal with the line between them are the same in both maps.
+A match is a point with a normal in each of two maps. Two matches agree when the distance of their points, the
+angle of their normals and the angles of each normal with the line between them are the same in both maps.
 """
 
 from functools import partial
@@ -33,8 +33,8 @@ def agreement_matrix(
         points_b: Points of the matches in map b (n, 3) [m].
         normals_b: Unit normals there.
         mask: Matches that take part.
-        distance_tolerance: Largest error of a matched point, per match [m]. Two matches agree when their distances
-            differ by no more than the larger of the two tolerances, and are themselves longer than twice that.
+        distance_tolerance: Largest error of a matched point, per match [m]. Two matches agree when their
+            distances differ by no more than the larger of the two tolerances, and are longer than twice that.
         cosine_tolerance: Largest difference of the cosines of corresponding angles.
         chunk: Rows handled at once.
 
@@ -69,15 +69,15 @@ def greedy_cliques(
 ) -> tuple[Bool[Array, "n n"], Int[Array, "n"]]:
     """Grow a clique from every node, taking the candidate that shares most neighbours with the seed first.
 
-    Not always the largest clique; on geometric agreement, where right matches agree with nearly all others that
-    are right, it seldom misses more than a few nodes. Ties go to the lower node.
+    The result need not be the largest clique of the seed; right matches agree with nearly all others that are
+    right, so little is missed, and the poses are refitted to all matches anyway. Ties go to the lower node.
 
     Args:
         agreement: Symmetric, False on the diagonal.
         max_size: Growth stops here.
 
     Returns:
-        Members (n, n), row i the clique grown from node i (node i itself included), and their sizes (n,) int32.
+        Members (n, n), row i the clique grown from node i, node i included, and their sizes (n,) int32.
     """
     n = agreement.shape[0]
     edges = agreement.astype(jnp.float32)

@@ -1,7 +1,7 @@
 """Local descriptors of surface points: normals and fast point feature histograms (FPFH), in batches.
 
-Neighbours come as padded lists: `neighbors` holds row numbers and `distances` metres, infinite where a list has no
-further neighbour. The kernels run in chunks of rows, so that memory does not grow with rows times neighbours.
+Neighbours come as padded lists: `neighbors` holds row numbers and `distances` metres, infinite where a list has
+no further neighbour. The kernels run in chunks of rows, so that memory stays bounded.
 """
 
 from functools import partial
@@ -36,8 +36,8 @@ def surface_normals(
         chunk: Rows handled at once.
 
     Returns:
-        Unit normals (n, 3) of arbitrary sign, and the surface variation (n,) in [0, 1/3]: the share of the variance
-        that is along the normal, 0 on a plane. Points with fewer than three neighbours have a variation of 1/3.
+        Unit normals (n, 3) of arbitrary sign, and the surface variation (n,) in [0, 1/3]: the share of the
+        variance that is along the normal, 0 on a plane; 1/3 for points with fewer than three neighbours.
     """
 
     def fit(row: tuple[Array, Array, Array]) -> tuple[Array, Array]:
@@ -73,8 +73,8 @@ def point_feature_histograms(
     Every pair (point p with normal n, neighbour q with normal m) gives three angles in the frame u = n,
     v = (q - p)/|q - p| x u, w = u x v: v.m, u.(q - p)/|q - p| and atan2(w.m, u.m). Their histograms over the
     neighbours are the simple descriptor (SPFH); the descriptor of a point is the mean of the simple descriptors
-    of its neighbours with weights 1 / distance. The frame always stands on p: the original's choice of the end with
-    the smaller angle is decided by rounding wherever two normals are parallel, which on buildings is nearly everywhere.
+    of its neighbours with weights 1 / distance. The frame always stands on p: the original's choice of the end
+    with the smaller angle is decided by rounding wherever two normals are parallel, and walls are flat.
 
     Args:
         points: Float (n, 3) [m].
@@ -87,8 +87,8 @@ def point_feature_histograms(
         chunk: Rows handled at once.
 
     Returns:
-        (n, 3 num_bins): the square roots of the three histograms, each histogram summing to 1 (to 0 for points
-        without neighbours), so that a Euclidean distance is the Hellinger distance of the histograms.
+        (n, 3 num_bins): the square roots of the three histograms, each histogram summing to 1 (to 0 for
+        points without neighbours), so that a Euclidean distance is the Hellinger distance of the histograms.
 
     References:
         Rusu, Blodow, Beetz: Fast Point Feature Histograms (FPFH) for 3D Registration, ICRA 2009, Sec. III.

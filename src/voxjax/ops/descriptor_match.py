@@ -30,8 +30,8 @@ def mutual_nearest(
         chunk: Rows of a compared with all of b at once.
 
     Returns:
-        For each row of a: its nearest row of b, int32; whether that row's nearest is this one; and the squared
-        distance between the two, at least 0.
+        For each row of a: its nearest row of b, int32; whether that row's nearest is this one; and the
+        squared distance between the two, at least 0.
     """
     n, dtype = descriptors_a.shape[0], descriptors_a.dtype
     num_chunks = max(-(-n // chunk), 1)
@@ -60,7 +60,7 @@ def mutual_nearest(
 
 
 def _first_at(values: Array, least: Array, *, axis: int) -> Array:
-    """Lowest index along `axis` where `values` equals `least`; as a minimum of integers, faster than argmin on a CPU."""
+    """Lowest index along `axis` where `values` equals `least`; quicker than argmin on a CPU."""
     size = values.shape[axis]
     index = jax.lax.broadcasted_iota(jnp.int32, values.shape, axis)
     return jnp.minimum(jnp.min(jnp.where(values <= least, index, size), axis=axis), size - 1)

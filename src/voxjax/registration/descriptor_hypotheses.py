@@ -5,11 +5,11 @@ from jaxtyping import Float32, Int32
 
 from .._buckets import bucket_size, pad_rows
 from .._checks import InputError
-from ..matching.descriptors import MapDescriptors, match_descriptors
+from ..matching.descriptors import DescriptorLevel, MapDescriptors, match_descriptors
 from ..ops.consensus import agreement_matrix, greedy_cliques, matches_under_poses, poses_from_matches
 
 DISTANCE_TOLERANCE = 1.5
-"""Largest error of a matched point, in working spacings: half a cell in each map, and the neighbour's cell."""
+"""Largest error of a matched point, in working spacings: half a cell in each map, and the next cell."""
 COSINE_TOLERANCE = 0.3
 MIN_COSINE = 0.8
 MAX_MATCHES = 4096
@@ -33,11 +33,11 @@ def descriptor_hypotheses(
         max_hypotheses: Most poses returned.
 
     Returns:
-        Distinct poses `T_a_b` float32 (k, 4, 4), good to about one working spacing and a few degrees, and the number
-        of separate places whose matches agree with each, best first. None (k = 0) when no three matches agree.
+        Distinct poses `T_a_b` float32 (k, 4, 4), good to about one working spacing and a few degrees, and the
+        number of separate places whose matches agree with each, best first; none when no three matches agree.
 
     Raises:
-        InputError: If the descriptors were made with different spacings or sides, or `max_hypotheses` is below 1.
+        InputError: If the descriptors have different spacings or sides, or `max_hypotheses` is below 1.
     """
     if a.side != b.side:
         raise InputError(
@@ -63,22 +63,36 @@ def descriptor_hypotheses(
 def _collect_matches(a: MapDescriptors, b: MapDescriptors) -> Matches:
     """Points and normals in a, points and normals in b, and tolerance [m] of the matches of all levels."""
     parts = []
-    for level_a, level_b in zip(a.levels, b.levels, strict=True):
-        rows, square = match_descriptors(level_a, level_b)
+    for level_a, level_b in _common_levels(a, b):
+        rows, _ = match_descriptors(level_a, level_b)
         parts.append((
             np.asarray(level_a.points)[rows[:, 0]], np.asarray(level_a.normals)[rows[:, 0]],
             np.asarray(level_b.points)[rows[:, 1]], np.asarray(level_b.normals)[rows[:, 1]],
-            np.full(len(rows), DISTANCE_TOLERANCE * level_a.spacing, np.float32), square,
+            np.full(len(rows), DISTANCE_TOLERANCE * level_a.spacing, np.float32),
         ))  # fmt: skip
-    *matches, square = (np.concatenate(part) for part in zip(*parts, strict=True))
-    if len(square) > MAX_MATCHES:
-        keep = np.sort(np.argsort(square, kind="stable")[:MAX_MATCHES])
+    matches = [np.concatenate(part) for part in zip(*parts, strict=True)]
+    count = len(matches[4])
+    if count > MAX_MATCHES:  # evenly: the descriptor distance does not tell right matches from wrong ones
+        keep = np.linspace(0, count - 1, MAX_MATCHES).astype(np.int64)
         matches = [part[keep] for part in matches]
     return tuple(matches)  # pyright: ignore[reportReturnType]
 
 
+def _common_levels(a: MapDescriptors, b: MapDescriptors) -> list[tuple[DescriptorLevel, DescriptorLevel]]:
+    """Levels of equal spacing."""
+    pairs = [
+        (x, y) for x in a.levels for y in b.levels if np.isclose(x.spacing, y.spacing, rtol=1e-5, atol=0.0)
+    ]
+    if not pairs:
+        raise InputError(
+            f"descriptors must have a spacing in common, got {[x.spacing for x in a.levels]} m and "
+            f"{[y.spacing for y in b.levels]} m; describe both with spacing=working_spacing(voxel sizes)."
+        )
+    return pairs
+
+
 def _clique_poses(matches: Matches) -> np.ndarray:
-    """Poses (p, 4, 4) of the cliques of three and more matches grown in the densest part of the agreement graph."""
+    """Poses (p, 4, 4) of the cliques of three and more matches, grown in the densest part of the agreement."""
     agreement = _agreement(matches)
     degree = np.asarray(agreement).sum(axis=1, dtype=np.int32)
     nodes = np.argsort(-degree, kind="stable")[:MAX_NODES]
@@ -108,7 +122,7 @@ def _agreement(matches: Matches) -> np.ndarray:
 
 
 def _rank_poses(poses: np.ndarray, matches: Matches) -> tuple[np.ndarray, np.ndarray]:
-    """Refit each pose to all matches that it explains; poses and their numbers of separate places, best first."""
+    """Refit each pose to all matches it explains; poses and their numbers of separate places, best first."""
     count, size = len(matches[4]), bucket_size(len(matches[4]), 256)
     *sides, tolerance = (pad_rows(values, size) for values in matches)
     padded = pad_rows(poses, bucket_size(len(poses), 256))
@@ -135,7 +149,7 @@ def _count_places(explained: np.ndarray, matches: Matches) -> np.ndarray:
 
 
 def _distinct(poses: np.ndarray, point: np.ndarray, distance: float) -> list[int]:
-    """Rows of the poses, in order, that no earlier kept pose is near to: by angle, and by where `point` goes."""
+    """Rows of the poses, in order, that no kept pose is near to: by angle, and by where `point` goes."""
     kept: list[int] = []
     places = poses[:, :3, :3] @ point + poses[:, :3, 3]
     for row in range(len(poses)):
