@@ -2,8 +2,6 @@
 
 import itertools
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from oracles import resampling as oracle
 from voxjax import InputError
-from voxjax.ops.resample import resample_nearest, resample_rigid, resample_trilinear, source_from_target
+from voxjax.ops.interpolate import resample_nearest
+from voxjax.ops.resample import resample_rigid, source_from_target
 
 SIZE = 0.1
 CUBE_ROTATIONS = [
@@ -108,47 +107,6 @@ def test_a_large_grid_in_several_chunks_equals_the_whole_grid_kernel():
     affine = source_from_target(T, np.zeros(3, np.float32), SIZE, np.rint(origin / SIZE), SIZE)
     whole = np.asarray(resample_nearest(states, affine, target_shape=moved.shape))
     assert np.mean(moved != whole) < 1e-4  # sums in another order
-
-
-@pytest.mark.parametrize("dtype", [np.uint8, np.bool_, np.int32, np.float32])
-def test_nearest_keeps_the_dtype_and_is_vmapped(dtype):
-    values = make_states().astype(dtype)
-    affine = jnp.asarray(np.eye(4, dtype=np.float32)[:3])
-    out = jax.vmap(lambda v: resample_nearest(v, affine, target_shape=(7, 5, 3)))(jnp.stack([values, values]))
-    assert out.dtype == dtype
-    np.testing.assert_array_equal(out[1, :6], values[:, :, :3])
-    assert not np.asarray(out[:, 6:]).any()
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_trilinear_is_linear_between_centres(seed):
-    rng = np.random.default_rng(seed)
-    values = rng.normal(size=(4, 3, 5)).astype(np.float32)
-    affine = np.concatenate([Rotation.random(rng=rng).as_matrix(), rng.uniform(0, 3, (3, 1))], 1).astype(
-        np.float32
-    )
-    out = resample_trilinear(values, affine, target_shape=(4, 4, 4))
-    np.testing.assert_allclose(out, oracle.trilinear(values, affine, (4, 4, 4)), atol=2e-5)
-
-
-def test_trilinear_gradients_are_those_of_finite_differences():
-    rng = np.random.default_rng(0)
-    ramp = np.stack(np.meshgrid(*3 * [np.arange(8)], indexing="ij")).astype(np.float32)
-    values = jnp.asarray(ramp[0] * ramp[1] + 0.3 * ramp[2])
-    affine = jnp.asarray(np.concatenate([np.eye(3), [[2.2], [1.7], [2.4]]], 1), jnp.float32)
-
-    def total(values, affine):
-        return jnp.sum(resample_trilinear(values, affine, target_shape=(2, 2, 2)) ** 2, dtype=jnp.float32)
-
-    by_values, by_pose = jax.grad(total, argnums=(0, 1))(values, affine)
-    for argument, gradient, step in ((0, by_values, 1e-1), (1, by_pose, 1e-3)):
-        direction = jnp.asarray(rng.normal(size=gradient.shape), jnp.float32)
-        ends = [
-            total(*(a + s * step * direction if n == argument else a for n, a in enumerate((values, affine))))
-            for s in (1.0, -1.0)
-        ]
-        slope = float(ends[0] - ends[1]) / (2 * step)
-        np.testing.assert_allclose(float(jnp.sum(gradient * direction)), slope, rtol=1e-2)
 
 
 def test_maps_of_nothing_become_one_unknown_voxel():

@@ -1,8 +1,8 @@
 """Rigid resampling of grids by backward lookup: each target voxel asks where its centre came from.
 
-Forward moves would leave holes; backward lookup cannot. `resample_nearest` and `resample_trilinear` are
-whole-grid kernels for use under jit, vmap and grad; `lookup_chunk` serves host code, in pieces of one
-shape, so that maps of any size share a few compiled programs and memory stays bounded.
+Forward moves would leave holes; backward lookup cannot. `lookup_chunk` works in pieces of one shape, so that
+maps of any size share a few compiled programs and memory stays bounded. For whole grids under jit, vmap and
+grad see `interpolate`.
 """
 
 import functools
@@ -14,10 +14,9 @@ from jaxtyping import Bool, Float, Float32, Int32, Shaped, UInt8
 
 from .._buckets import bucket_size
 from .._types import Array
+from .interpolate import TIE, is_inside_grid
 from .lattice import check_num_voxels, moved_bounds, origin_in_voxels, origin_of_cell
 
-# Centres on the border of two source voxels go to the upper one, whichever way float32 rounded [voxel].
-_TIE = 1e-3
 _SMALLEST_SOURCE = 1 << 15
 _SMALLEST_CHUNK = 1 << 15
 _LARGEST_CHUNK = 1 << 20
@@ -41,67 +40,6 @@ def source_from_target(
     corner = np.asarray(target_cell, np.float64) * target_voxel_size - matrix[:3, 3]
     offset = inverse @ corner / source_voxel_size - origin_in_voxels(source_origin, source_voxel_size)
     return np.concatenate([inverse * scale, offset[:, None]], axis=1).astype(np.float32)
-
-
-@functools.partial(jax.jit, static_argnames=("target_shape",))
-def resample_nearest(
-    values: Shaped[Array, "x y z"],
-    source_from_target: Float[Array, "3 4"],
-    *,
-    target_shape: tuple[int, int, int],
-) -> Shaped[Array, "u v w"]:
-    """Values of the source voxels that hold the centres of the target voxels; 0 outside the source.
-
-    Args:
-        values: Source grid, any dtype.
-        source_from_target: See the function of that name.
-        target_shape: Static.
-
-    Returns:
-        Same dtype as `values`.
-    """
-    coordinates = _centres(source_from_target, target_shape)
-    index = jnp.floor(coordinates + jnp.asarray(_TIE, coordinates.dtype)).astype(jnp.int32)
-    is_inside = _is_inside(index, jnp.asarray(values.shape, jnp.int32))
-    x, y, z = (jnp.clip(index[..., a], 0, values.shape[a] - 1) for a in range(3))
-    return jnp.where(is_inside, jnp.asarray(values)[x, y, z], jnp.zeros((), values.dtype))
-
-
-@functools.partial(jax.jit, static_argnames=("target_shape",))
-def resample_trilinear(
-    values: Float[Array, "x y z"],
-    source_from_target: Float[Array, "3 4"],
-    *,
-    target_shape: tuple[int, int, int],
-) -> Float[Array, "u v w"]:
-    """Values at the centres of the target voxels, linear between the source's centres; 0 outside the source.
-
-    Differentiable in `values`, and in the pose wherever a centre does not cross from one cell to the next.
-
-    Args:
-        values: Source grid, such as log-odds.
-        source_from_target: See the function of that name.
-        target_shape: Static.
-
-    Returns:
-        Same dtype as `values`.
-    """
-    coordinates = _centres(source_from_target, target_shape).astype(values.dtype) - jnp.asarray(
-        0.5, values.dtype
-    )
-    low = jnp.floor(coordinates)
-    weight_high = coordinates - low
-    low = low.astype(jnp.int32)
-    shape = jnp.asarray(values.shape, jnp.int32)
-    total = jnp.zeros(target_shape, values.dtype)
-    for corner in np.ndindex(2, 2, 2):
-        index = low + jnp.asarray(corner, jnp.int32).reshape(1, 1, 1, 3)
-        is_high = jnp.asarray(corner, bool).reshape(1, 1, 1, 3)
-        weight = jnp.prod(jnp.where(is_high, weight_high, 1 - weight_high), axis=-1)
-        x, y, z = (jnp.clip(index[..., a], 0, values.shape[a] - 1) for a in range(3))
-        found = jnp.where(_is_inside(index, shape), jnp.asarray(values)[x, y, z], jnp.zeros((), values.dtype))
-        total = total + weight * found
-    return total
 
 
 @functools.partial(jax.jit, static_argnames=("size",))
@@ -131,9 +69,9 @@ def lookup_chunk(
     coordinates = [
         m[a, 0] * centre[0] + m[a, 1] * centre[1] + m[a, 2] * centre[2] + m[a, 3] for a in range(3)
     ]
-    index = [jnp.floor(axis + _TIE) for axis in coordinates]
+    index = [jnp.floor(axis + TIE) for axis in coordinates]
     i, j, k = (axis.astype(jnp.int32) for axis in index)
-    is_inside = _is_inside(jnp.stack([i, j, k], axis=-1), source_shape)
+    is_inside = is_inside_grid(jnp.stack([i, j, k], axis=-1), source_shape)
     return jnp.where(is_inside, (i * source_shape[1] + j) * source_shape[2] + k, 0), is_inside
 
 
@@ -204,18 +142,3 @@ def resample_rigid(
     target = tuple(shape.tolist())
     odds = None if moved_odds is None else moved_odds.reshape(target)
     return moved.reshape(target), origin_of_cell(low, voxel_size), odds
-
-
-def _centres(source_from_target: Array, target_shape: tuple[int, int, int]) -> Array:
-    """Source coordinates of the centres of all target voxels, (u, v, w, 3)."""
-    matrix = jnp.asarray(source_from_target)
-    x, y, z = (jnp.arange(side, dtype=matrix.dtype) + jnp.asarray(0.5, matrix.dtype) for side in target_shape)
-    along = x[:, None, None, None] * matrix[:, 0].reshape(1, 1, 1, 3)
-    along = along + y[None, :, None, None] * matrix[:, 1].reshape(1, 1, 1, 3)
-    along = along + z[None, None, :, None] * matrix[:, 2].reshape(1, 1, 1, 3)
-    return along + matrix[:, 3].reshape(1, 1, 1, 3)
-
-
-def _is_inside(index: Array, shape: Array) -> Array:
-    shape = jnp.asarray(shape).reshape((1,) * (index.ndim - 1) + (3,))
-    return jnp.all((index >= 0) & (index < shape), axis=-1)
