@@ -63,9 +63,9 @@ def register(
     seconds = {}
     start = time.perf_counter()
     announce("features of a")
-    features_a = prepare(a, voxel_size=size)
+    features_a = prepare(a, voxel_size=size, with_descriptors=settings.source.descriptors)
     announce("features of b")
-    features_b = prepare(b, voxel_size=size)
+    features_b = prepare(b, voxel_size=size, with_descriptors=settings.source.descriptors)
     seconds["features"] = time.perf_counter() - start
     return register_prepared(
         features_a, features_b, config=settings, gravity_aligned=gravity_aligned, init_guess=init_guess,
@@ -83,13 +83,16 @@ def working_voxel_size(grids: list[VoxelGrid], settings: Config) -> float:
     return max(sizes)
 
 
-def prepare(grid: VoxelGrid, *, voxel_size: float, max_virtual: int = 256) -> MapFeatures:
+def prepare(
+    grid: VoxelGrid, *, voxel_size: float, max_virtual: int = 256, with_descriptors: bool = True
+) -> MapFeatures:
     """Features of one map for all its pairs.
 
     Args:
         grid: With at least one occupied voxel.
         voxel_size: Working voxel size [m] of all maps that it is compared with.
         max_virtual: Largest number of virtual corners.
+        with_descriptors: Whether local descriptors are computed, too.
 
     Raises:
         InputError: If nothing is occupied.
@@ -97,7 +100,11 @@ def prepare(grid: VoxelGrid, *, voxel_size: float, max_virtual: int = 256) -> Ma
     if grid.num_occupied == 0:
         raise InputError("grid must have at least one occupied voxel, got none; leave the map out.")
     same = abs(grid.voxel_size - voxel_size) < 1e-6 * voxel_size
-    return map_features(grid if same else grid.with_voxel_size(voxel_size), max_virtual=max_virtual)
+    return map_features(
+        grid if same else grid.with_voxel_size(voxel_size),
+        max_virtual=max_virtual,
+        with_descriptors=with_descriptors,
+    )
 
 
 def register_prepared(
@@ -134,6 +141,8 @@ def register_prepared(
         collector.add_corner_frames()
     if sources.subgraph:
         collector.add_subgraph(distance_tolerance=sources.distance_tolerance, max_corners=sources.max_corners)
+    if sources.descriptors:
+        collector.add_descriptors(max_poses=sources.max_descriptor_poses)
     if sources.exhaustive:
         collector.add_exhaustive(max_rotations=sources.max_rotations, num_peaks=sources.num_peaks)
     proposals = collector.collected()

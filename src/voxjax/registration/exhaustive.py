@@ -6,6 +6,7 @@ It needs no corner and no descriptor, and finds poses that neither does; it is a
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32
+from scipy.spatial import ConvexHull
 
 from .._types import Array
 from ..ops.correlate import coarse_spectra, correlation_peaks
@@ -44,6 +45,13 @@ def upright_frame(directions: np.ndarray, shares: np.ndarray) -> np.ndarray:
     return np.stack([second, np.cross(first, second), first])
 
 
+def _outermost(prepared: PreparedMap) -> np.ndarray:
+    """Points that span the same box as all points, in any frame: vertices of the convex hull, float64 (n, 3)."""
+    points = np.asarray(prepared.points)[: prepared.num_points].astype(np.float64)
+    flat = np.linalg.matrix_rank(points - points.mean(axis=0), tol=0.1 * prepared.grid.voxel_size) < 3
+    return points if flat else points[ConvexHull(points).vertices]
+
+
 def _box(points: np.ndarray, rotation: np.ndarray, margin: float) -> tuple[np.ndarray, np.ndarray]:
     rotated = points @ rotation.T
     return rotated.min(axis=0) - margin, rotated.max(axis=0) + margin
@@ -73,8 +81,7 @@ def exhaustive_hypotheses(
     Returns:
         Poses `T_a_b` float32 (k * num_peaks, 4, 4) and their coarse scores, best first.
     """
-    points_a = np.asarray(a.points)[: a.num_points].astype(np.float64)
-    points_b = np.asarray(b.points)[: b.num_points].astype(np.float64)
+    points_a, points_b = _outermost(a), _outermost(b)
     factor, plans = _plan(points_a, points_b, rotations, frame, a.grid.voxel_size)
     cell = factor * a.grid.voxel_size
     low_a = _box(points_a, frame, cell)[0]

@@ -7,6 +7,7 @@ from jaxtyping import Float, Float32
 from ..features.corners import corners_of_planes
 from ..features.types import Corners
 from ..grid import VoxelGrid
+from ..matching.descriptors import MapDescriptors, describe_map
 from ..planes.extract import PlaneMap, extract_planes
 from .prepared import PreparedMap, prepare_map
 from .rotations import dominant_directions, sample_normals
@@ -24,6 +25,7 @@ class MapFeatures(eqx.Module):
         directions: Dominant unsigned normals, strongest first.
         shares: Share of the surface along each.
         normals: Normals drawn by leverage, that rotations are judged by.
+        descriptors: Local descriptors; None where they were not asked for.
     """
 
     prepared: PreparedMap
@@ -31,14 +33,16 @@ class MapFeatures(eqx.Module):
     directions: Float[np.ndarray, "k 3"]
     shares: Float[np.ndarray, "k"]
     normals: Float32[np.ndarray, "s 3"]
+    descriptors: MapDescriptors | None
 
 
-def map_features(grid: VoxelGrid, *, max_virtual: int) -> MapFeatures:
+def map_features(grid: VoxelGrid, *, max_virtual: int, with_descriptors: bool = True) -> MapFeatures:
     """Compute the features of a map that has occupied voxels.
 
     Args:
         grid: At the working voxel size.
         max_virtual: Largest number of virtual corners.
+        with_descriptors: Whether local descriptors are computed.
     """
     prepared = prepare_map(grid)
     count = prepared.num_points
@@ -53,4 +57,10 @@ def map_features(grid: VoxelGrid, *, max_virtual: int) -> MapFeatures:
         directions=directions,
         shares=shares,
         normals=sample_normals(normals, leverage if leverage.sum() > 0 else np.ones(count)),
+        descriptors=describe(prepared, use_free_space=prepared.has_free_space) if with_descriptors else None,
     )
+
+
+def describe(prepared: PreparedMap, *, use_free_space: bool) -> MapDescriptors:
+    """Local descriptors of a map; both maps of a pair must agree on whether free space signs their normals."""
+    return describe_map(prepared.grid, use_free_space=use_free_space)

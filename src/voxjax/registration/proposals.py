@@ -8,9 +8,10 @@ import numpy as np
 from jaxtyping import Float32
 
 from .corner_hypotheses import frame_poses, subgraph_poses
+from .descriptor_hypotheses import descriptor_hypotheses
 from .exhaustive import exhaustive_hypotheses, upright_frame
 from .leaders import distinct_poses, rank_poses
-from .map_features import MapFeatures
+from .map_features import MapFeatures, describe
 from .rotations import rotation_hypotheses
 
 MAX_FRAME_POSES = 256
@@ -105,6 +106,25 @@ class ProposalCollector:
             self._add(found.poses, ["subgraph"] * len(found.poses))
 
         self._timed("common subgraph", propose)
+
+    def add_descriptors(self, *, max_poses: int) -> None:
+        """Add the poses of the cliques of matched local descriptors."""
+
+        def propose() -> None:
+            maps = (self._a, self._b)
+            use_free_space = all(m.prepared.has_free_space for m in maps)
+            described = [
+                m.descriptors
+                if m.descriptors is not None and m.prepared.has_free_space == use_free_space
+                else describe(m.prepared, use_free_space=use_free_space)
+                for m in maps
+            ]
+            poses, sizes = descriptor_hypotheses(described[0], described[1], max_hypotheses=max_poses)
+            self.stats["descriptor_clique_size"] = int(sizes[0]) if len(sizes) else 0
+            self.stats["num_hypotheses"] += len(poses)
+            self._add(poses, ["descriptor"] * len(poses))
+
+        self._timed("descriptors", propose)
 
     def add_exhaustive(self, *, max_rotations: int, num_peaks: int) -> None:
         """Add the best translations of all rotations that the normals allow."""

@@ -17,6 +17,9 @@ from .._types import Array
 NUM_SAMPLES = 512
 """Normals of each map that a rotation is judged by."""
 
+MAX_VOTERS = 10_000
+"""Normals that vote for directions, at most about twice so many."""
+
 KERNEL = 60.0
 """Concentration of the kernel exp(k (cos - 1)) between normals: about 7.4 degrees."""
 
@@ -34,6 +37,8 @@ def dominant_directions(
     Returns:
         float64 (k, 3) unit vectors and (k,) shares.
     """
+    stride = max(len(normals) // MAX_VOTERS, 1)
+    normals, weights = normals[::stride], weights[::stride]
     total = float(weights.sum(dtype=np.float64))
     is_free = np.ones(len(normals), dtype=bool)
     seeds = normals[:: max(len(normals) // 400, 1)]
