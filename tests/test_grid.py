@@ -103,6 +103,16 @@ def test_change_of_resolution_keeps_the_places():
     assert {tuple(i) for i in np.floor(coarse.occupied_points() / 0.4 + 1e-6).astype(int).tolist()} == parts
 
 
+def test_the_same_voxel_size_moves_a_grid_onto_the_lattice_by_half_a_voxel_at_most():
+    grid = VoxelGrid(make_grid().states, [0.05, -1.38, 3.0], 0.2)
+    moved = grid.with_voxel_size(0.2)
+    np.testing.assert_array_equal(moved.states, grid.states)
+    np.testing.assert_allclose(
+        np.asarray(moved.origin) / 0.2, np.rint(np.asarray(moved.origin) / 0.2), atol=1e-5
+    )
+    assert np.abs(np.asarray(moved.origin) - np.asarray(grid.origin)).max() <= 0.1001
+
+
 def test_grids_are_equal_when_all_they_hold_is():
     grid = make_grid()
     assert grid == make_grid()

@@ -151,10 +151,12 @@ class VoxelGrid(eqx.Module):
         of their log-odds. Finer: voxels are split. The ratio may be any number: each fine voxel goes where
         its centre lies.
         """
+        from .ops.lattice import origin_in_voxels
         from .ops.rescale import rescale_states
 
         voxel_size = check_positive("voxel_size", voxel_size, "m")
-        if voxel_size == self.voxel_size:
+        cell = origin_in_voxels(np.asarray(self.origin), voxel_size)
+        if voxel_size == self.voxel_size and (cell == np.rint(cell)).all():
             return self
         states, origin, log_odds = rescale_states(
             np.asarray(self.states), np.asarray(self.origin), self.voxel_size, voxel_size,

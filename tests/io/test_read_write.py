@@ -68,6 +68,15 @@ def test_another_voxel_size_is_a_change_of_resolution(tmp_path):
     assert vx.read_map(tmp_path / "m.npz", voxel_size=0.4) == grid.with_voxel_size(0.4)
 
 
+def test_a_grid_off_octomaps_lattice_is_written_once_resampled(tmp_path):
+    grid = VoxelGrid(make_grid().states, [-0.33, 0.8, 0.2], 0.2)
+    with pytest.raises(InputError, match=r"m\.bt cannot be written.*--voxel-size"):
+        vx.write_map(tmp_path / "m.bt", grid)
+    assert not (tmp_path / "m.bt").exists()
+    vx.write_map(tmp_path / "m.bt", grid.with_voxel_size(0.2))
+    assert vx.read_map(tmp_path / "m.bt").num_occupied == grid.num_occupied
+
+
 def test_clouds_need_a_voxel_size_and_take_sensor_origins(tmp_path):
     grid = VoxelGrid(np.pad(np.full((1, 1, 1), 2, np.uint8), ((5, 0), (0, 0), (0, 0))), np.zeros(3), 0.1)
     vx.write_map(tmp_path / "c.ply", grid)

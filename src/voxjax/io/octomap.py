@@ -212,7 +212,7 @@ def _known_box(grid: VoxelGrid) -> tuple[np.ndarray | None, np.ndarray, np.ndarr
     if np.abs(cell - low).max() > _LATTICE_TOLERANCE:
         raise InputError(
             f"OctoMap files need an origin at whole multiples of the voxel size {grid.voxel_size:g} m, got "
-            f"{np.asarray(grid.origin).tolist()}; resample the grid with grid.transformed(numpy.eye(4)) first"
+            f"{np.asarray(grid.origin).tolist()}; resample it first with with_voxel_size (--voxel-size)"
         )
     low += NUM_KEYS // 2
     if (low < 0).any() or (low + states.shape > NUM_KEYS).any():
