@@ -19,9 +19,10 @@ def classify_voxels(
     """Classify each voxel as not occupied, flat, edge or corner (section III).
 
     The paper calls a voxel an initial feature point "if the number of occupied cubes in the window changes
-    significantly when moving the window in any direction". Here the directions are the 13 of the voxel lattice (both
-    senses of each), the moves some `shift` voxels long, and a change is significant from `min_change` per cent of
-    the count. On a plane several directions leave the count as it is, along an edge one does, at a corner none.
+    significantly when moving the window in any direction". Here the directions are the 13 of the voxel
+    lattice (both senses of each), the moves some `shift` voxels long, and a change is significant from
+    `min_change` per cent of the count. On a plane several directions leave the count as it is, along an edge
+    one does, at a corner none.
 
     Args:
         occupied: True (or not 0) where a voxel is occupied.

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float, Int32
 from scipy.sparse import coo_matrix
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 
 def cluster_corners(
@@ -11,8 +11,8 @@ def cluster_corners(
 ) -> tuple[Int32[np.ndarray, "n"], Int32[np.ndarray, "k"]]:
     """Cluster corners and choose one of each cluster (section III).
 
-    Best first: the best corner takes all within `radius` of it, then the best of the rest, and so on. A cluster is
-    therefore never wider than twice the radius, and a physical corner keeps one corner or a few.
+    Best first: the best corner takes all within `radius` of it, then the best of the rest, and so on. A
+    cluster is therefore never wider than twice the radius, and a physical corner keeps one corner or a few.
 
     Args:
         position: Positions.
@@ -25,7 +25,7 @@ def cluster_corners(
     n = len(position)
     if n == 0:
         return np.zeros(0, np.int32), np.zeros(0, np.int32)
-    near = cKDTree(position).query_ball_point(position, radius)
+    near = KDTree(position).query_ball_point(position, radius)
     return _take_best_first(near, quality)
 
 
@@ -63,7 +63,7 @@ def suppress_duplicates(
     """
     if len(position) == 0:
         return np.zeros(0, np.int32)
-    pairs = cKDTree(position).query_pairs(radius, output_type="ndarray")
+    pairs = KDTree(position).query_pairs(radius, output_type="ndarray")
     i, j = pairs.T
     cosine = np.einsum("mac,mbc->mab", normals[i], normals[j])
     same = (cosine.max(axis=2) > min_cosine).all(axis=1) & (cosine.max(axis=1) > min_cosine).all(axis=1)

@@ -129,9 +129,9 @@ def _corners(
     """Unpadded corners of one sort."""
     num = len(position)
     return Corners(
-        position=position.astype(np.float32), normals=normals.astype(np.float32), weight=weight.astype(np.float32),
-        convexity=convexity.astype(np.uint8), mask=np.ones(num, bool), is_observed=np.full(num, is_observed),
-        num_found=np.asarray(num, np.int32),
+        position=position.astype(np.float32), normals=normals.astype(np.float32),
+        weight=weight.astype(np.float32), convexity=convexity.astype(np.uint8), mask=np.ones(num, bool),
+        is_observed=np.full(num, is_observed), num_found=np.asarray(num, np.int32),
     )  # fmt: skip
 
 

@@ -3,13 +3,16 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int32
+from jaxtyping import Float, Int32
 
 from .._buckets import bucket_size, pad_rows
 from ..grid import VoxelGrid
-from ..ops.faces import OCTANT_SIGNS, CornerFaces, corner_faces
+from ..ops.faces import OCTANT_SIGNS, corner_faces
 
 _BITS = (1, 2, 4)
+
+Part = tuple[np.ndarray, np.ndarray, np.ndarray, int, int]
+"""Where a kind of corner is (m,), how much of it was seen (m,), signs of the normals (3,), kind, first row."""
 
 
 class FoundCorners(NamedTuple):
@@ -19,6 +22,14 @@ class FoundCorners(NamedTuple):
     normals: Float[np.ndarray, "k 3 3"]
     convexity: Int32[np.ndarray, "k"]
     coverage: Float[np.ndarray, "k"]
+
+
+class _Shares(NamedTuple):
+    """`CornerFaces` on the host."""
+
+    seen: np.ndarray
+    occupied: np.ndarray
+    free: np.ndarray
 
 
 def observe_corners(
@@ -32,7 +43,8 @@ def observe_corners(
         position: Points [m].
         normals: Unit normals of the three planes, rows, either sign.
         min_seen: A face of a corner is there if this share of its samples is occupied before free space.
-        max_beyond: A face ends at a convex edge if no more than this share of the samples beyond it is occupied.
+        max_beyond: A face ends at a convex edge if no more than this share of the samples beyond it is
+            occupied.
         reach: How far from the point to look [voxel].
 
     Returns:
@@ -45,11 +57,11 @@ def observe_corners(
     faces = corner_faces(
         np.asarray(grid.states), pad_rows(local.astype(np.float32), size), filler, last=reach
     )
-    faces = CornerFaces(*(np.asarray(a)[: len(position)] for a in faces))
-    return _decode(faces, np.asarray(normals, np.float64), min_seen, max_beyond)
+    seen, occupied, free = (np.asarray(a)[: len(position)] for a in faces)
+    return _decode(_Shares(seen, occupied, free), np.asarray(normals, np.float64), min_seen, max_beyond)
 
 
-def _decode(faces: CornerFaces, normals: np.ndarray, min_seen: float, max_beyond: float) -> FoundCorners:
+def _decode(faces: _Shares, normals: np.ndarray, min_seen: float, max_beyond: float) -> FoundCorners:
     """All kinds of corner in all octants."""
     parts = []
     for octant in range(8):
@@ -71,17 +83,14 @@ def _decode(faces: CornerFaces, normals: np.ndarray, min_seen: float, max_beyond
     )  # fmt: skip
 
 
-Part = tuple[Bool[np.ndarray, "m"], np.ndarray, np.ndarray, int, int]
-
-
-def _concave(faces: CornerFaces, octant: int, min_seen: float) -> Part:
+def _concave(faces: _Shares, octant: int, min_seen: float) -> Part:
     """The corner of a room: a free octant with its three faces."""
     coverage = faces.seen[:, octant].min(axis=1)
     is_there = (coverage >= min_seen) & (faces.free[:, octant] >= 0.5)
     return is_there, coverage, OCTANT_SIGNS[octant], 0, 0
 
 
-def _convex(faces: CornerFaces, octant: int, min_seen: float, max_beyond: float) -> Part:
+def _convex(faces: _Shares, octant: int, min_seen: float, max_beyond: float) -> Part:
     """The corner of a box: a solid octant whose faces are seen from the three octants beside it."""
     coverage = np.stack([faces.seen[:, octant ^ _BITS[i], i] for i in range(3)]).min(axis=0)
     beyond = [faces.occupied[:, octant ^ _BITS[j], i] for i in range(3) for j in range(3) if i != j]
@@ -91,7 +100,7 @@ def _convex(faces: CornerFaces, octant: int, min_seen: float, max_beyond: float)
     return is_there, coverage, -OCTANT_SIGNS[octant], 3, 0
 
 
-def _one_convex_edge(faces: CornerFaces, octant: int, base: int, min_seen: float, max_beyond: float) -> Part:
+def _one_convex_edge(faces: _Shares, octant: int, base: int, min_seen: float, max_beyond: float) -> Part:
     """The foot of a box: a solid octant on a base face that goes on around it."""
     i, j = (base + 1) % 3, (base + 2) % 3
     around = [octant ^ _BITS[i], octant ^ _BITS[j], octant ^ _BITS[i] ^ _BITS[j]]
@@ -104,7 +113,7 @@ def _one_convex_edge(faces: CornerFaces, octant: int, base: int, min_seen: float
     return is_there, coverage, signs, 1, base
 
 
-def _two_convex_edges(faces: CornerFaces, octant: int, face: int, min_seen: float, max_beyond: float) -> Part:
+def _two_convex_edges(faces: _Shares, octant: int, face: int, min_seen: float, max_beyond: float) -> Part:
     """The corner of an opening in `face`: a free octant inside it, with two faces of the opening."""
     i, j = (face + 1) % 3, (face + 2) % 3
     before = octant ^ _BITS[face]

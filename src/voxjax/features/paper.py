@@ -32,7 +32,8 @@ class PaperStages(NamedTuple):
 
 
 def paper_corners(
-    grid: VoxelGrid, *, size: int = 7, min_change: int = 20, max_angle: float = 15.0, max_curvature: float = 0.08,
+    grid: VoxelGrid, *, size: int = 7, min_change: int = 20, max_angle: float = 15.0, max_curvature: float =
+        0.08,
     min_segment: int = 30, plane_distance_tolerance: float = 1.0, cluster_radius: float = 3.0,
 ) -> PaperStages:  # fmt: skip
     """Extract corners as section III does.
@@ -61,7 +62,7 @@ def paper_corners(
     normal, offset = np.asarray(planes.normal), np.asarray(planes.offset)
     keep, rows, worst = reject_corners(
         initial, normal, offset, support, labels, max_distance=plane_distance_tolerance * voxel,
-        support_radius=0.5 * size * voxel,
+        support_radius=float(size) * voxel,
     )  # fmt: skip
     kept, rows = initial[keep], rows[keep]
     _, chosen = cluster_corners(kept, -worst[keep], radius=cluster_radius * voxel)

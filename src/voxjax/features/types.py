@@ -15,15 +15,16 @@ class Corners(eqx.Module):
 
     Attributes:
         position: float32 (n, 3) [m] in the map's frame.
-        normals: float32 (n, 3, 3): unit rows into free space, in right-handed order (positive triple product), so
-            that two corners can only match in one of three cyclic orders. Where convexity is 1 or 2, row 0 is the
-            face that differs from the two others.
+        normals: float32 (n, 3, 3): unit rows into free space, in right-handed order (positive triple
+            product), so that two corners can only match in one of three cyclic orders. Where convexity is 1
+            or 2, row 0 is the face that differs from the two others.
         weight: float32 (n,): how well supported [m]: the smallest root of the three planes' areas, less for
             planes that are far away or meet at a flat angle.
-        convexity: uint8 (n,): number of convex edges: 0 corner of a room, 1 foot of a box, 2 corner of an opening,
-            3 corner of a box top; 255 not known.
+        convexity: uint8 (n,): number of convex edges: 0 corner of a room, 1 foot of a box, 2 corner of an
+            opening, 3 corner of a box top; 255 not known.
         mask: bool (n,): rows that hold a corner.
-        is_observed: bool (n,): voxels of all three faces lie beside the point; else the planes meet there unseen.
+        is_observed: bool (n,): voxels of all three faces lie beside the point; else the planes meet there
+            unseen.
         num_found: int32 scalar: corners found, which may be more than are listed.
     """
 

@@ -58,8 +58,8 @@ def symmetric_eigen(matrix: Float[Array, "*n 3 3"]) -> tuple[Float[Array, "*n 3"
         matrix: Symmetric matrices.
 
     Returns:
-        Values (n, 3) and vectors (n, 3, 3) whose row i belongs to value i; rows are orthonormal. Where two values
-        coincide, any orthonormal basis of their plane is given.
+        Values (n, 3) and vectors (n, 3, 3) whose row i belongs to value i; rows are orthonormal. Where two
+        values coincide, any orthonormal basis of their plane is given.
     """
     values = symmetric_eigenvalues(matrix)
     scale = jnp.max(jnp.abs(matrix), axis=(-2, -1))

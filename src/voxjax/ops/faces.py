@@ -1,8 +1,8 @@
 """Which faces meet at a point: samples of the map on the quarter planes around candidate corners.
 
-Three planes through a point cut space into eight octants, each bounded by three quarter planes ("patches"). Octant o
-has bit i set where it lies on the negative side of plane i. Seen from inside an octant, a patch is a face if it is
-occupied and the space just before it is free.
+Three planes through a point cut space into eight octants, each bounded by three quarter planes ("patches").
+Octant o has bit i set where it lies on the negative side of plane i. Seen from inside an octant, a patch is a
+face if it is occupied and the space just before it is free.
 """
 
 from functools import partial
@@ -26,7 +26,8 @@ class CornerFaces(NamedTuple):
 
     Attributes:
         seen: (m, 8, 3): of patch i of octant o, occupied with free space before it inside the octant.
-        occupied: (m, 8, 3): of patch i of octant o, occupied (the same for both octants that share the patch).
+        occupied: (m, 8, 3): of patch i of octant o, occupied (the same for both octants that share the
+            patch).
         free: (m, 8): of octant o, free.
     """
 
@@ -55,8 +56,8 @@ def corner_faces(
 ) -> CornerFaces:
     """Sample the patches and octants around candidate corners.
 
-    A sample of a patch counts as occupied if a voxel within one voxel along the plane's normal is; space before it is
-    free if a voxel 1.5 or 2.5 voxels into the octant is.
+    A sample of a patch counts as occupied if a voxel within one voxel along the plane's normal is; space
+    before it is free if a voxel 1.5 or 2.5 voxels into the octant is.
 
     Args:
         states: 0 unknown, 1 free, 2 occupied; outside counts as unknown.

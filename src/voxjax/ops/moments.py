@@ -25,9 +25,10 @@ class SurfaceMoments(NamedTuple):
         normal: float32 (n, 3) unit vectors, toward the free neighbours where there are any.
         curvature: float32 (n,): smallest eigenvalue of the covariance over the sum of all, 0 (plane) to 1/3.
         num_occupied: int32 (n,): occupied voxels in the window, the centre included.
-        has_free: bool (n,): whether the window holds free voxels off the plane, so that the sign means something.
-        free_distance: uint8 (n, 2) [voxel]: steps along +normal and along -normal to the first free voxel, where
-            nothing unknown comes before; `reach + 1` where there is none.
+        has_free: bool (n,): whether the window holds free voxels off the plane, so that the sign means
+            something.
+        free_distance: uint8 (n, 2) [voxel]: steps along +normal and along -normal to the first free voxel,
+            where nothing unknown comes before; `reach + 1` where there is none.
     """
 
     normal: Float32[Array, "n 3"]
@@ -51,8 +52,8 @@ def surface_moments(
 ) -> SurfaceMoments:
     """Normal, curvature and free sides of the surface at listed voxels (section III, reference 12).
 
-    The normal is the eigenvector of the smallest eigenvalue of the covariance of the occupied voxels in a ball of
-    diameter `size`, and points toward the mean offset of the free voxels in it.
+    The normal is the eigenvector of the smallest eigenvalue of the covariance of the occupied voxels in a
+    ball of diameter `size`, and points toward the mean offset of the free voxels in it.
 
     Args:
         states: 0 unknown, 1 free, 2 occupied.
@@ -61,8 +62,8 @@ def surface_moments(
         reach: How many steps to look for free space along the normal [voxel].
 
     Returns:
-        `SurfaceMoments`, rows as in `index`. Fewer than three voxels, or voxels on a line, leave a normal that is
-        some unit vector; `curvature` is then 0 and `num_occupied` small.
+        `SurfaceMoments`, rows as in `index`. Fewer than three voxels, or voxels on a line, leave a normal
+        that is some unit vector; `curvature` is then 0 and `num_occupied` small.
     """
     half = max(check_odd_window("size", size) // 2, reach)
     padded = jnp.pad(states, half)

@@ -1,7 +1,7 @@
-"""From grown regions to planes of real maps: split what is not flat, extend to the edges, merge what is one plane.
+"""From grown regions to planes of real maps: split what is not flat, extend, merge what is one plane.
 
-Region growing over- and under-segments, as the paper says; maps of real sensors have holes, walls two or three
-voxels thick and noise. Each step here is one vectorised pass over all segments at the same time.
+Region growing over- and under-segments, as the paper says; maps of real sensors have holes, walls two or
+three voxels thick and noise. Each step here is one vectorised pass over all segments at the same time.
 """
 
 import numpy as np
@@ -90,14 +90,14 @@ def extend_segments(
     min_cosine: float = 0.3,
     num_steps: int = 3,
 ) -> Int32[np.ndarray, "n"]:
-    """Give unlabelled elements beside a segment its label where they lie on its plane; drop those that do not.
+    """Give elements beside a segment its label where they lie on its plane; drop those that do not.
 
     Args:
         surface: Surface elements.
         labels: Segment of each element, -1 for none.
         distance: Largest distance from the plane [voxel].
-        min_cosine: Smallest cosine between an element's normal and the plane's; loose, because the normals beside an
-            edge lean toward the other face.
+        min_cosine: Smallest cosine between an element's normal and the plane's; loose, because the normals
+            beside an edge lean toward the other face.
         num_steps: Steps of one voxel.
     """
     points = surface.index.astype(np.float64)
@@ -111,10 +111,10 @@ def extend_segments(
     labels[rows[fits(rows, labels[rows]) > distance]] = -1
     i, j = surface.pairs.T
     for _ in range(num_steps):
-        element = np.concatenate([i, j])
-        label = np.concatenate([labels[j], labels[i]])
-        wanted = (labels[element] < 0) & (label >= 0)
-        element, label = element[wanted], label[wanted]
+        has_label = labels >= 0
+        forward, backward = has_label[j] & ~has_label[i], has_label[i] & ~has_label[j]
+        element = np.concatenate([i[forward], j[backward]])
+        label = labels[np.concatenate([j[forward], i[backward]])]
         offset = fits(element, label)
         good = offset <= distance
         element, label, offset = element[good], label[good], offset[good]

@@ -31,17 +31,20 @@ class PlaneMap(eqx.Module):
 
 def extract_planes(
     grid: VoxelGrid, *, max_angle: float = 15.0, max_curvature: float = 0.08, tolerance: float = 1.2,
-    max_rms: float = 0.7, merge_angle: float = 6.0, gap: float = 10.0, min_voxels: int = 30, max_planes: int = 512,
+    max_rms: float = 0.7, merge_angle: float = 6.0, gap: float = 10.0, min_voxels: int = 30, max_planes: int =
+        512,
 ) -> PlaneMap:  # fmt: skip
     """Find the planes of a map: grow, split, merge and extend, fit.
 
-    Region growing (section III) gives cores; pieces that are not flat are split, pieces of one plane are merged, and
-    planes take in the elements that lie on them up to the edges, so that each plane is fitted over a whole face.
+    Region growing (section III) gives cores; pieces that are not flat are split, pieces of one plane are
+    merged, and planes take in the elements that lie on them up to the edges, so that each plane is fitted
+    over a whole face.
 
     Args:
         grid: The map.
         max_angle: Smoothness threshold of the growth [degree].
-        max_curvature: Curvature threshold of the growth; a second pass with twice the value takes up thick walls.
+        max_curvature: Curvature threshold of the growth; a second pass with twice the value takes up thick
+            walls.
         tolerance: Elements of a plane lie within this of it [voxel].
         max_rms: A segment with a larger rms distance is not a plane [voxel].
         merge_angle: Largest angle between planes that are merged [degree].

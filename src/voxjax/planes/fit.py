@@ -52,17 +52,17 @@ def fit_planes(
 ) -> Planes:  # fmt: skip
     """Fit a plane to the points of each label (section III), all segments at the same time.
 
-    The start is the closed-form plane of each segment. Then `num_rounds` rounds of Huber weights, each minimised by
-    optimistix' Levenberg-Marquardt over the plane's three parameters, vmapped over the segments. A segment's
-    weighted residuals enter as a square root of their 4x4 moment matrix: four residuals whose sum of squares is
-    exactly that of all points, however many these are.
+    The start is the closed-form plane of each segment. Then `num_rounds` rounds of Huber weights, each
+    minimised by optimistix' Levenberg-Marquardt over the plane's three parameters, vmapped over the segments.
+    A segment's weighted residuals enter as a square root of their 4x4 moment matrix: four residuals whose sum
+    of squares is exactly that of all points, however many these are.
 
     Args:
         points: Coordinates, any unit.
         labels: Segment of each point, 0 to k - 1; other points have -1.
         normals: Directions that tell which side is free; without them normals point away from the origin.
-        huber_scale: Distance beyond which a point pulls linearly, not quadratically [unit of the points]; None for
-            plain least squares.
+        huber_scale: Distance beyond which a point pulls linearly, not quadratically [unit of the points];
+            None for plain least squares.
         num_rounds: Rounds of reweighting.
 
     Returns:

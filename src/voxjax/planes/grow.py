@@ -1,12 +1,13 @@
 """Region growing over surface elements (section III, reference 12), as connected components.
 
-Sequential region growing starts at the smallest curvature, adds neighbours whose normal is within the smoothness
-angle of the current seed's, and lets those of low curvature be seeds in turn. The angle between two normals is
-symmetric, so the seeds of a region are a connected component of the graph of low-curvature elements whose edges are
-neighbours with similar normals; an element of high curvature goes to the first region, in order of the regions'
-smallest curvature, that has a seed beside it with a similar normal. That is what is computed here, and the tests
-compare it with the sequential loop element by element. One difference: elements of high curvature that no region
-reached stay without label instead of forming regions of at most 27 elements of their own.
+Sequential region growing starts at the smallest curvature, adds neighbours whose normal is within the
+smoothness angle of the current seed's, and lets those of low curvature be seeds in turn. The angle between
+two normals is symmetric, so the seeds of a region are a connected component of the graph of low-curvature
+elements whose edges are neighbours with similar normals; an element of high curvature goes to the first
+region, in order of the regions' smallest curvature, that has a seed beside it with a similar normal. That is
+what is computed here, and the tests compare it with the sequential loop element by element. One difference:
+elements of high curvature that no region reached stay without label instead of forming regions of at most 27
+elements of their own.
 """
 
 import numpy as np
@@ -24,7 +25,8 @@ def segment_planes(
 
     Args:
         surface: Surface elements and which of them touch.
-        max_angle: Smoothness threshold: largest angle between the normals of a seed and its neighbour [degree].
+        max_angle: Smoothness threshold: largest angle between the normals of a seed and its neighbour
+            [degree].
         max_curvature: Curvature threshold: elements below it may be seeds.
         min_elements: Regions with fewer elements lose their label.
 

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from .._buckets import bucket_size, pad_rows
 from .._types import Array
@@ -33,11 +33,12 @@ def nearest_three_planes(
         offsets: n . p of these planes (-D of the paper).
         mask: Which of them count.
         max_distance: The threshold epsilon, in the unit of the points.
-        min_triple_product: Three planes are nearly parallel if the triple product of their normals is smaller.
+        min_triple_product: Three planes are nearly parallel if the triple product of their normals is
+            smaller.
 
     Returns:
-        Whether all three distances are below the threshold; the columns of the three planes, and the largest of the
-        three distances (infinite where there are no three such planes).
+        Whether all three distances are below the threshold; the columns of the three planes, and the largest
+        of the three distances (infinite where there are no three such planes).
     """
     triples = jnp.asarray(list(combinations(range(normals.shape[1]), 3)), jnp.int32)
     distance = jnp.abs(jnp.sum(normals * points[:, None, :], axis=-1, dtype=jnp.float32) - offsets)
@@ -66,8 +67,8 @@ def reject_corners(
 ) -> tuple[Bool[np.ndarray, "n"], Int32[np.ndarray, "n 3"], Float32[np.ndarray, "n"]]:
     """Keep the corners that lie on three planes: equation (3).
 
-    A plane is a candidate for a corner only if a voxel of its segment lies within `support_radius`: every point of a
-    building is near three planes that go on for ever.
+    A plane is a candidate for a corner only if a voxel of its segment lies within `support_radius`: every
+    point of a building is near three planes that go on for ever.
 
     Args:
         points: Initial corners [m].
@@ -80,7 +81,8 @@ def reject_corners(
         min_triple_product: Planes whose normals have a smaller triple product are nearly parallel.
 
     Returns:
-        Which corners are kept, the rows of their three planes (-1 where not kept), and the largest distance [m].
+        Which corners are kept, the rows of their three planes (-1 where not kept), and the largest distance
+        [m].
     """
     n = len(points)
     keep, rows, worst = np.zeros(n, bool), np.full((n, 3), -1, np.int32), np.full(n, np.inf, np.float32)
@@ -106,7 +108,7 @@ def reject_corners(
 
 def _planes_beside(points, normals, offsets, support, labels, radius):
     """The nearest planes, by equation (3), with support beside each point: int32 (n, NUM_CANDIDATES), -1 for none."""
-    near = cKDTree(support).query_ball_point(points, radius, return_sorted=False)
+    near = KDTree(support).query_ball_point(points, radius, return_sorted=False)
     row = np.repeat(np.arange(len(points)), [len(hits) for hits in near])
     if row.size == 0:
         return np.full((len(points), NUM_CANDIDATES), -1, np.int32)

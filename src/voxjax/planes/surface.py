@@ -36,8 +36,8 @@ def find_surface(grid: VoxelGrid, *, size: int = 7, reach: int = 3, min_neighbou
     Args:
         grid: The map.
         size: Diameter of the window for normals and curvature [voxel].
-        reach: How far from a voxel free space may begin [voxel]; walls thicker than twice this keep a core without
-            elements.
+        reach: How far from a voxel free space may begin [voxel]; walls thicker than twice this keep a core
+            without elements.
         min_neighbours: Voxels with fewer occupied voxels in the window (scan noise) get no element.
 
     Returns:

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from .consolidate import near_segments
 from .extract import PlaneMap
@@ -84,7 +84,7 @@ def _support_distance(
     wanted = np.searchsorted(triples.ravel()[order], np.arange(triples.max() + 2))
     for plane in np.unique(triples):
         rows, columns = np.divmod(order[wanted[plane] : wanted[plane + 1]], 3)
-        tree = cKDTree(points[bounds[plane] : bounds[plane + 1]])
+        tree = KDTree(points[bounds[plane] : bounds[plane + 1]])
         distance[rows, columns] = tree.query(position[rows], distance_upper_bound=reach)[0]
     return distance
 
