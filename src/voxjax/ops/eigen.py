@@ -23,7 +23,7 @@ def symmetric_eigenvalues(matrix: Float[Array, "*n 3 3"]) -> Float[Array, "*n 3"
     scale_safe = jnp.where(scale > 0.0, scale, jnp.ones_like(scale))
     m = matrix / scale_safe[..., None, None]
     mean = (m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2]) / 3.0
-    shifted = m - mean[..., None, None] * jnp.eye(3, dtype=m.dtype)
+    shifted = m - mean[..., None, None] * jnp.broadcast_to(jnp.eye(3, dtype=m.dtype), m.shape)
     spread = jnp.sqrt(jnp.sum(shifted * shifted, axis=(-2, -1)) / 6.0)
     spread_safe = jnp.where(spread > 1e-7, spread, jnp.ones_like(spread))
     unit = shifted / spread_safe[..., None, None]
@@ -65,7 +65,7 @@ def symmetric_eigen(matrix: Float[Array, "*n 3 3"]) -> tuple[Float[Array, "*n 3"
     scale = jnp.max(jnp.abs(matrix), axis=(-2, -1))
     scale_safe = jnp.where(scale > 0.0, scale, jnp.ones_like(scale))[..., None, None]
     m, w = matrix / scale_safe, values / scale_safe[..., 0]
-    identity = jnp.eye(3, dtype=m.dtype)
+    identity = jnp.broadcast_to(jnp.eye(3, dtype=m.dtype), m.shape)
     # The end of the spectrum that stands further apart gives a vector that is well conditioned.
     is_low_apart = (w[..., 1] - w[..., 0]) >= (w[..., 2] - w[..., 1])
     lone = jnp.where(is_low_apart, w[..., 0], w[..., 2])
