@@ -13,7 +13,7 @@ def bucket_size(count: int, smallest: int = 64) -> int:
     return rung
 
 
-def pad_rows(rows: np.ndarray, size: int, fill: float = 0) -> np.ndarray:
+def pad_rows(rows: np.ndarray, size: int, fill: float | int = 0) -> np.ndarray:
     """Return `rows` with rows of `fill` appended up to `size` rows, same dtype."""
     padded = np.full((size, *rows.shape[1:]), fill, dtype=rows.dtype)
     padded[: len(rows)] = rows
