@@ -3,10 +3,10 @@
 import numpy as np
 
 from voxjax import RESULTS, Registration, VoxelGrid
-from voxjax.registration.types import Evidence, Hypothesis
+from voxjax.registration.types import Evidence, Hypothesis, Verdict
 
 
-def registration(T_a_b, *, verdict="accepted", confidence=0.9, score=0.5):
+def registration(T_a_b, *, verdict: Verdict = "accepted", confidence=0.9, score=0.5):
     """A registration with that pose and verdict."""
     pose = np.asarray(T_a_b, np.float32)
     evidence = Evidence(
