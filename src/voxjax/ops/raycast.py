@@ -20,7 +20,8 @@ from .._types import FREE, OCCUPIED, UNKNOWN, Array
 MAX_VOXELS = 2**30
 """Largest dense grid that is made from a cloud: 1 GiB of states, and flat indices fit int32."""
 
-_RAYS_PER_BATCH = 4096
+# Small work shares one shape: padding costs less than a compile.
+_SMALLEST_GRID, _SMALLEST_BATCH, _RAYS_PER_BATCH = 2**18, 512, 4096
 
 
 State = TypeVar("State")
@@ -120,7 +121,7 @@ def ray_batches(starts: np.ndarray, ends: np.ndarray) -> Iterator[tuple[np.ndarr
     start_index, start_offset = _split(starts)
     end_index, end_offset = _split(ends)
     order = np.argsort(np.abs(end_index - start_index).sum(axis=1), kind="stable")
-    size = bucket_size(min(len(order), _RAYS_PER_BATCH))
+    size = bucket_size(min(len(order), _RAYS_PER_BATCH), _SMALLEST_BATCH)
     for first in range(0, len(order), _RAYS_PER_BATCH):
         batch = order[first : first + _RAYS_PER_BATCH]
         rows = (start_index, start_offset, end_index, end_offset)
@@ -148,7 +149,7 @@ def crossed_voxels(
         bool (x, y, z): True where a ray crosses, starts or ends.
     """
     num_voxels = int(np.prod(shape))
-    marked = jnp.zeros(max(bucket_size(num_voxels, 4096), capacity), bool)
+    marked = jnp.zeros(max(bucket_size(num_voxels, _SMALLEST_GRID), capacity), bool)
     for *rays, mask in ray_batches(starts, ends):
         marked = mark_crossed_voxels(marked, *rays, flat_strides(shape), mask)
     return np.asarray(marked)[:num_voxels].reshape(shape)

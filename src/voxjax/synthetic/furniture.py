@@ -31,7 +31,7 @@ def furnish(
 
     Args:
         rng: Source of chance.
-                plan: The building's plan; the surroundings of doors and windows are kept clear.
+        plan: The building's plan; the surroundings of doors and windows are kept clear.
         room: The room.
         height: Of the room [m]; pillars reach it.
         clutter: 1 for about three pieces in a room of 20 m².

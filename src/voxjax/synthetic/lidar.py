@@ -11,17 +11,18 @@ from .prisms import Prisms, cast_rays, join_prisms, make_prisms, rectangle
 _MAX_PEOPLE = 4
 
 
-def _elevations() -> np.ndarray:
-    """24 beams around the horizon and 24 that reach floor and ceiling [rad]."""
-    return np.radians(np.concatenate([np.linspace(-16.0, 16.0, 24), np.linspace(-72.0, 72.0, 24)]))
+def _fan(half_angle: float) -> np.ndarray:
+    """Elevations of 24 beams [rad], from `half_angle` [degrees] below to as much above."""
+    return np.radians(np.linspace(-half_angle, half_angle, 24))
 
 
 @dataclass(frozen=True)
 class Lidar:
-    """A lidar.
+    """Two spinning heads: one about the vertical, one about the forward axis, which sees floor and ceiling.
 
     Attributes:
-        elevations: Of the beams [rad].
+        level_beams: Elevations of the beams of the first head [rad].
+        upright_beams: Likewise of the second head, measured from the plane across the way.
         num_azimuths: Shots of each beam a turn.
         max_range: [m].
         free_range: A shot without echo is taken as free space up to here [m].
@@ -30,8 +31,9 @@ class Lidar:
         people: Mean number of people near the sensor in a scan.
     """
 
-    elevations: np.ndarray = field(default_factory=_elevations)
-    num_azimuths: int = 256
+    level_beams: np.ndarray = field(default_factory=lambda: _fan(25.0))
+    upright_beams: np.ndarray = field(default_factory=lambda: _fan(50.0))
+    num_azimuths: int = 320
     max_range: float = 18.0
     free_range: float = 5.0
     range_noise: float = 0.02
@@ -39,11 +41,17 @@ class Lidar:
     people: float = 0.4
 
     def directions(self) -> np.ndarray:
-        """Unit vectors (n, 3) in the sensor's frame; neighbouring beams are shifted by half a step."""
+        """Unit vectors (n, 3) in the sensor's frame: x ahead, z up."""
+        level = self._turn(self.level_beams)
+        upright = np.roll(self._turn(self.upright_beams), 1, axis=1)
+        return np.concatenate([level, upright])
+
+    def _turn(self, elevations: np.ndarray) -> np.ndarray:
+        """Shots of one turn about z; neighbouring beams are shifted by half a step."""
         azimuth = 2.0 * np.pi * np.arange(self.num_azimuths) / self.num_azimuths
-        shift = np.pi / self.num_azimuths * (np.arange(len(self.elevations)) % 2)
+        shift = np.pi / self.num_azimuths * (np.arange(len(elevations)) % 2)
         angle = azimuth[:, None] + shift[None, :]
-        elevation = np.broadcast_to(self.elevations, angle.shape)
+        elevation = np.broadcast_to(elevations, angle.shape)
         rows = [np.cos(elevation) * np.cos(angle), np.cos(elevation) * np.sin(angle), np.sin(elevation)]
         return np.stack(rows, axis=-1).reshape(-1, 3)
 
