@@ -79,8 +79,12 @@ def corner_faces(
     def look_up(points: Array) -> Array:
         # Far points are clipped first, so that whole numbers cannot overflow.
         index = jnp.round(jnp.clip(points, -margin, 1e6)).astype(jnp.int32)
-        inside = jnp.all((index >= 0) & (index < shape), axis=-1)
-        linear = jnp.sum(jnp.where(inside[..., None], index, 0) * strides, axis=-1, dtype=jnp.int32)
+        inside = jnp.all((index >= 0) & (index < jnp.broadcast_to(shape, index.shape)), axis=-1)
+        linear = jnp.sum(
+            jnp.where(inside[..., None], index, 0) * jnp.broadcast_to(strides, index.shape),
+            axis=-1,
+            dtype=jnp.int32,
+        )
         return jnp.where(inside, flat[linear], jnp.uint8(0))
 
     def one(candidate: tuple[Array, Array]) -> CornerFaces:
@@ -89,10 +93,10 @@ def corner_faces(
         seen, occupied = [], []
         for i in range(3):
             j, k = (i + 1) % 3, (i + 2) % 3
-            along_j = steps[None, :, None, None] * signs[:, None, None, j, None] * edges[j]
-            along_k = steps[None, None, :, None] * signs[:, None, None, k, None] * edges[k]
-            points = centre + along_j + along_k
-            inward = signs[:, None, None, i, None] * n[i]
+            along_j = steps[None, :, None, None] * signs[:, None, None, j, None] * edges[j][None, None, None]
+            along_k = steps[None, None, :, None] * signs[:, None, None, k, None] * edges[k][None, None, None]
+            points = centre[None, None, None] + along_j + along_k
+            inward = signs[:, None, None, i, None] * n[i][None, None, None]
             hit = jnp.stack([look_up(points + t * inward) == OCCUPIED for t in (-1.0, 0.0, 1.0)]).any(axis=0)
             open_ = jnp.stack([look_up(points + t * inward) == FREE for t in (1.5, 2.5)]).any(axis=0)
             occupied.append(jnp.mean(hit, axis=(1, 2), dtype=jnp.float32))
@@ -100,7 +104,7 @@ def corner_faces(
         depth = jnp.asarray([1.5, 3.0], jnp.float32)
         a, b, c = jnp.meshgrid(depth, depth, depth, indexing="ij")
         inner = jnp.stack([a, b, c], axis=-1).reshape(1, 8, 3) * signs[:, None, :]
-        free = look_up(centre + inner @ edges) == FREE
+        free = look_up(centre[None, None] + inner @ edges) == FREE
         return CornerFaces(
             jnp.stack(seen, axis=-1), jnp.stack(occupied, axis=-1), jnp.mean(free, axis=1, dtype=jnp.float32)
         )
