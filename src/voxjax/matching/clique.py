@@ -16,7 +16,7 @@ from .._types import Array
 MAX_SEARCH_NODES = 200_000
 """Default budget; a node costs 10 to 100 microseconds."""
 
-_NUM_GREEDY_STARTS = 48
+_NUM_GREEDY_STARTS = 32
 
 
 class Clique(NamedTuple):
@@ -67,12 +67,14 @@ def maximum_clique(
     if not len(matrix):
         empty = np.zeros(0, np.int32)
         return Clique(empty, True, (empty,), True, 0)
-    nodes, graph = _compact(matrix)
-    if not len(graph):
+    edges = upper_edges(matrix)
+    if not len(edges):
         return _edgeless(len(matrix), all_maximum, max_cliques)
-    best = greedy_clique(graph)
+    nodes, graph, edges = _from_edges(np.arange(len(matrix)), edges)
+    shared = common_neighbours(pack(graph), edges)
+    best = greedy_clique(graph, edges, shared)
     search = _Search(best=[int(i) for i in best], max_nodes=max_nodes)
-    _solve(graph, search)
+    _solve(graph, edges, shared, search)
     ties, has_all_ties = [search.best], False
     if all_maximum and search.completed:
         again = _Search(
@@ -82,23 +84,36 @@ def maximum_clique(
             ties=[],
             max_cliques=max_cliques,
         )
-        _solve(graph, again)
+        _solve(graph, edges, shared, again)
         ties, has_all_ties, search.num_nodes = again.ties or ties, again.completed, again.num_nodes
     found = tuple(sorted((np.sort(nodes[np.asarray(t, np.int64)]).astype(np.int32) for t in ties), key=tuple))
     return Clique(found[0], search.completed, found, has_all_ties, search.num_nodes)
 
 
-def _compact(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes that have an edge, and the graph between them without its diagonal."""
-    degree = np.count_nonzero(matrix, axis=1)
-    nodes = np.flatnonzero(degree)
-    graph = matrix[np.ix_(nodes, nodes)] if len(nodes) < len(matrix) else matrix.copy()
-    graph = graph.astype(bool, copy=False)
-    np.fill_diagonal(graph, False)
-    if not np.array_equal(graph, graph.T):
+def upper_edges(matrix: np.ndarray) -> np.ndarray:
+    """Edges (e, 2) of a symmetric Boolean matrix, the smaller node first, in lexicographic order.
+
+    Raises:
+        InputError: If an edge has one direction only.
+    """
+    pairs = np.stack(np.divmod(np.flatnonzero(matrix), len(matrix)), axis=1)
+    edges = pairs[pairs[:, 0] < pairs[:, 1]]
+    num_lower = np.count_nonzero(pairs[:, 0] > pairs[:, 1])
+    if num_lower != len(edges) or not matrix[edges[:, 1], edges[:, 0]].all():
         raise InputError("adjacency must be symmetric; join both directions with `adjacency | adjacency.T`.")
-    has_edge = graph.any(axis=1)
-    return (nodes, graph) if has_edge.all() else (nodes[has_edge], graph[np.ix_(has_edge, has_edge)])
+    return edges
+
+
+def _from_edges(nodes: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The nodes that have an edge, the dense graph between them, and the edges in its numbering."""
+    is_used = np.zeros(len(nodes), bool)
+    is_used[edges.reshape(-1)] = True
+    edges = (np.cumsum(is_used) - 1)[edges]
+    count = int(np.count_nonzero(is_used))
+    graph = np.zeros((count, count), bool)
+    graph[edges[:, 0], edges[:, 1]] = True
+    graph[edges[:, 1], edges[:, 0]] = True
+    return nodes[is_used], graph, edges
 
 
 def _edgeless(count: int, all_maximum: bool, max_cliques: int) -> Clique:
@@ -115,75 +130,88 @@ def pack(graph: np.ndarray) -> np.ndarray:
     return packed.view(np.uint64)
 
 
-def common_neighbours(rows: np.ndarray, i: np.ndarray, j: np.ndarray) -> np.ndarray:
-    """Number of common neighbours of each pair of nodes, from packed rows."""
-    counts = np.empty(len(i), np.int32)
-    step = max(1, (1 << 19) // max(rows.shape[1], 1))
-    for start in range(0, len(i), step):
-        part = slice(start, start + step)
-        counts[part] = np.bitwise_count(rows[i[part]] & rows[j[part]]).sum(axis=1, dtype=np.int32)
+def common_neighbours(rows: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """Number of common neighbours of each pair of nodes (e, 2), from packed rows."""
+    counts = np.empty(len(edges), np.int32)
+    # Small parts stay in the cache of a core.
+    step = max(1, (1 << 16) // max(rows.shape[1], 1))
+    for start in range(0, len(edges), step):
+        i, j = edges[start : start + step].T
+        counts[start : start + step] = np.bitwise_count(rows[i] & rows[j]).sum(axis=1, dtype=np.int32)
     return counts
 
 
-def greedy_clique(graph: np.ndarray, num_starts: int = _NUM_GREEDY_STARTS) -> np.ndarray:
+def greedy_clique(
+    graph: np.ndarray, edges: np.ndarray, shared: np.ndarray, num_starts: int = _NUM_GREEDY_STARTS
+) -> np.ndarray:
     """A large clique, not always the largest: grown from the nodes in most triangles.
 
     Args:
         graph: Symmetric bool (m, m) with an edge, no diagonal.
+        edges: Its edges.
+        shared: Common neighbours of each edge.
         num_starts: Nodes to start from.
     """
-    degree = np.count_nonzero(graph, axis=1)
-    # Density inside the neighbourhood, looked at for the nodes of highest degree only.
-    leading = np.argsort(-degree, kind="stable")[: 8 * num_starts]
-    triangles = np.asarray([_links(graph, v).sum(dtype=np.int64) for v in leading])
-    best = np.asarray([leading[0]])
-    for v in leading[np.argsort(-triangles, kind="stable")][:num_starts]:
+    triangles = np.bincount(edges.reshape(-1), np.repeat(shared, 2), len(graph))
+    best = edges[0]
+    for v in np.argsort(-triangles, kind="stable")[:num_starts]:
         clique = _grow(graph, int(v))
         if len(clique) > len(best):
             best = clique
     return best
 
 
-def _links(graph: np.ndarray, v: int) -> np.ndarray:
-    """Degrees inside the neighbourhood of a node."""
-    around = np.flatnonzero(graph[v])
-    return np.count_nonzero(graph[np.ix_(around, around)], axis=1)
-
-
 def _grow(graph: np.ndarray, start: int) -> np.ndarray:
     """Add the candidate with most links to the other candidates, until none is left."""
     members = [start]
     candidates = np.flatnonzero(graph[start])
+    inside = graph[np.ix_(candidates, candidates)]
     while len(candidates):
-        inside = graph[np.ix_(candidates, candidates)]
         pick = int(np.argmax(np.count_nonzero(inside, axis=1)))
         members.append(int(candidates[pick]))
-        candidates = candidates[inside[pick]]
+        keep = np.flatnonzero(inside[pick])
+        candidates, inside = candidates[keep], inside[np.ix_(keep, keep)]
     return np.asarray(members)
 
 
-def prune(graph: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+def prune(
+    graph: np.ndarray, edges: np.ndarray, size: int, shared: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Drop nodes and edges that no clique of `size` nodes can use.
 
     Such a clique gives each of its nodes `size - 1` neighbours and each edge `size - 2` common ones.
+
+    Args:
+        graph: Symmetric bool (m, m), no diagonal.
+        edges: Its edges (e, 2).
+        size: Of the cliques that are looked for, at least 2.
+        shared: Common neighbours of each edge, if they are known.
 
     Returns:
         Nodes that stay, and the graph between them.
     """
     nodes = np.arange(len(graph))
-    while len(nodes):
-        is_core = np.count_nonzero(graph, axis=1) >= size - 1
-        if not is_core.all():
-            nodes, graph = nodes[is_core], graph[np.ix_(is_core, is_core)]
-            continue
-        i, j = np.nonzero(np.triu(graph))
-        is_weak = common_neighbours(pack(graph), i, j) < size - 2
-        if not is_weak.any():
-            break
-        graph = graph.copy()
-        graph[i[is_weak], j[is_weak]] = False
-        graph[j[is_weak], i[is_weak]] = False
+    is_weak = np.zeros(len(edges), bool) if shared is None else shared < size - 2
+    is_first = shared is None
+    while is_first or is_weak.any():
+        is_first = False
+        edges = _peel(edges[~is_weak], len(nodes), size - 1)
+        if not len(edges):
+            return nodes[:0], graph[:0, :0]
+        nodes, graph, edges = _from_edges(nodes, edges)
+        is_weak = common_neighbours(pack(graph), edges) < size - 2
     return nodes, graph
+
+
+def _peel(edges: np.ndarray, num_nodes: int, min_degree: int) -> np.ndarray:
+    """Edges whose two nodes keep `min_degree` edges when all others are gone (a core of the graph)."""
+    while len(edges):
+        degree = np.bincount(edges.reshape(-1), minlength=num_nodes)
+        is_kept = (degree[edges] >= min_degree).all(axis=1)
+        if is_kept.all():
+            break
+        edges = edges[is_kept]
+    return edges
 
 
 @dataclass
@@ -216,24 +244,23 @@ class _Search:
         self.completed, self.stopped = False, True
 
 
-def _solve(graph: np.ndarray, search: _Search) -> None:
+def _solve(graph: np.ndarray, edges: np.ndarray, shared: np.ndarray, search: _Search) -> None:
     """Search the neighbourhoods of all nodes, each together with the nodes after it in peeling order."""
-    nodes, graph = prune(graph, search.goal)
+    nodes, graph = prune(graph, edges, search.goal, shared)
     if not len(nodes):
         return
     order = peeling_order(graph)
     nodes, graph = nodes[order], graph[np.ix_(order, order)]
     for v in range(len(nodes) - 1, -1, -1):
         later = v + 1 + np.flatnonzero(graph[v, v + 1 :])
-        if len(later) + 1 < search.goal:
-            continue
-        inside, sub = (
-            prune(graph[np.ix_(later, later)], search.goal - 1) if len(later) else (later, graph[:0, :0])
-        )
-        if len(inside) + 1 < search.goal:
-            continue
-        names = [int(i) for i in nodes[later[inside]]]
-        _branch(sub, names, int(nodes[v]), search)
+        sub = graph[np.ix_(later, later)]
+        # Within the neighbourhood, nodes with too few links to the rest of it.
+        while len(later) + 1 >= search.goal:
+            is_core = np.count_nonzero(sub, axis=1) >= search.goal - 2
+            if is_core.all():
+                _branch(sub, nodes[later].tolist(), int(nodes[v]), search)
+                break
+            later, sub = later[is_core], sub[np.ix_(is_core, is_core)]
         if search.stopped:
             return
 
@@ -262,8 +289,6 @@ def _branch(graph: np.ndarray, names: list[int], root: int, search: _Search) -> 
     clique = [root]
     stack = [_colour(rows, (1 << count) - 1, search.goal - 1)]
     candidates = [(1 << count) - 1]
-    if not count and search.goal <= 1:
-        search.record(clique)
     while stack:
         if not stack[-1]:
             stack.pop()

@@ -89,7 +89,7 @@ def consistency_graph(
         frames_b=corners_b.normals if angle_tolerance is not None else None,
     )  # fmt: skip
     size = adjacency.shape[0]
-    return ConsistencyGraph(pad_rows(pairs, size, -1), adjacency, np.arange(size) < len(pairs))
+    return ConsistencyGraph(pad_rows(pairs, size, -1.0), adjacency, np.arange(size) < len(pairs))
 
 
 def pairwise_consistency(
@@ -139,7 +139,7 @@ def pairwise_consistency(
     nodes = [_gather(p, pairs[:, side], size) for side, p in enumerate((points_a, points_b))]
     adjacency = np.asarray(
         distance_consistency(
-            *nodes, pad_rows(pairs, size, -1), np.float32(distance_tolerance), np.float32(min_distance)
+            *nodes, pad_rows(pairs, size, -1.0), np.float32(distance_tolerance), np.float32(min_distance)
         )
     )
     if angle_tolerance is None or (frames_a is None and normals_a is None):

@@ -1,0 +1,39 @@
+"""Rigid motions for tests, by SciPy; import nothing of the library."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+
+def random_pose(rng, *, metres=5.0, degrees=180.0):
+    """A pose, float64 (4, 4), with a translation up to `metres` an axis and an angle up to `degrees`."""
+    axis = rng.normal(size=3)
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_rotvec(
+        axis / np.linalg.norm(axis) * np.radians(rng.uniform(0, degrees))
+    ).as_matrix()
+    T[:3, 3] = rng.uniform(-metres, metres, 3)
+    return T
+
+
+def moved(T, points):
+    """Points under a pose."""
+    return np.asarray(points, np.float64) @ T[:3, :3].T + T[:3, 3]
+
+
+def pose_error(T, T_true, point):
+    """Angle [degrees], and distance [m] at the image of a point, between two poses."""
+    T, T_true = np.asarray(T, np.float64), np.asarray(T_true, np.float64)
+    angle = Rotation.from_matrix(T[:3, :3].T @ T_true[:3, :3]).magnitude()
+    gap = moved(T, np.atleast_2d(point)) - moved(T_true, np.atleast_2d(point))
+    return float(np.degrees(angle)), float(np.linalg.norm(gap))
+
+
+def nudged(T, point, rng, *, metres, degrees):
+    """A pose near `T`: turned by `degrees` about the image of `point` and shifted by `metres`."""
+    axis, shift = rng.normal(size=3), rng.normal(size=3)
+    turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.radians(degrees)).as_matrix()
+    image = moved(T, np.atleast_2d(point))[0] + shift / np.linalg.norm(shift) * metres
+    near = np.eye(4)
+    near[:3, :3] = turn @ T[:3, :3]
+    near[:3, 3] = image - near[:3, :3] @ np.asarray(point, np.float64)
+    return near
