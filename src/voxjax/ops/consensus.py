@@ -43,7 +43,7 @@ def agreement_matrix(
     """
 
     def angles(point: Array, normal: Array, points: Array, normals: Array) -> tuple[Array, Array]:
-        offset = points - point
+        offset = points - point[None]
         length = jnp.sqrt(jnp.sum(offset * offset, axis=1, dtype=offset.dtype))
         direction = offset / jnp.maximum(length, 1e-6)[:, None]
         theirs = jnp.sum(direction * normals, axis=1, dtype=offset.dtype)
@@ -98,7 +98,7 @@ def greedy_cliques(
     def is_unfinished(state: tuple[Array, Array, Array]) -> Array:
         return jnp.any(state[1]) & (state[2] < max_size)
 
-    start = (index[None] == index[:, None], agreement, jnp.int32(1))
+    start = (index[None] == index[:, None], agreement, jnp.int32(1))  # the seed alone: size 1
     members, _, _ = jax.lax.while_loop(is_unfinished, grow, start)
     return members, jnp.sum(members, axis=1, dtype=jnp.int32)
 
@@ -131,7 +131,7 @@ def poses_from_matches(
         share = (weight / jnp.maximum(jnp.sum(weight, dtype=weight.dtype), 1e-12))[:, None]
         mean_a = jnp.sum(share * points_a, axis=0, dtype=weight.dtype)
         mean_b = jnp.sum(share * points_b, axis=0, dtype=weight.dtype)
-        cross = (share * (points_b - mean_b)).T @ (points_a - mean_a)
+        cross = (share * (points_b - mean_b[None])).T @ (points_a - mean_a[None])
         cross = cross + normal_weight * ((share * normals_b).T @ normals_a)
         u, _, vt = jnp.linalg.svd(cross)
         flip = jnp.stack([jnp.ones(()), jnp.ones(()), jnp.sign(jnp.linalg.det(u @ vt))]).astype(weight.dtype)

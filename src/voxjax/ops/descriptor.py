@@ -44,9 +44,9 @@ def surface_normals(
         point, ids, distance = row
         weight = (distance <= radius).astype(points.dtype)[:, None]
         count = jnp.sum(weight, dtype=points.dtype)
-        offset = points[ids] - point
+        offset = points[ids] - point[None]
         mean = jnp.sum(offset * weight, axis=0, dtype=points.dtype) / jnp.maximum(count, 1.0)
-        offset = (offset - mean) * weight
+        offset = (offset - mean[None]) * weight
         eigenvalues, eigenvectors = jnp.linalg.eigh(offset.T @ offset)
         total = jnp.sum(eigenvalues, dtype=points.dtype)
         is_defined = (count >= 3.0) & (total > 0.0)
@@ -100,7 +100,7 @@ def point_feature_histograms(
         point, normal, ids, distance = row
         is_neighbor = (distance <= radius) & (distance > 0.0)
         scale = jnp.where(is_neighbor, distance, 1.0)
-        direction = (points[ids] - point) / scale[:, None]
+        direction = (points[ids] - point[None]) / scale[:, None]
         shares = _pair_shares(normal, normals[ids], direction)
         bins = jnp.clip((shares * num_bins).astype(jnp.int32), 0, num_bins - 1)
         hits = (bins[:, :, None] == jnp.arange(num_bins, dtype=jnp.int32)[None, None]) & is_neighbor[

@@ -12,9 +12,12 @@ DISTANCE_TOLERANCE = 1.5
 """Largest error of a matched point, in working spacings: half a cell in each map, and the next cell."""
 COSINE_TOLERANCE = 0.3
 MIN_COSINE = 0.8
+"""Largest difference of corresponding cosines of two matches; least cosine of matched normals under a pose."""
 MAX_MATCHES = 4096
 MAX_NODES = 1024
-"""Matches that enter the agreement matrix, and those of the densest part that seed cliques."""
+ROUNDS = 2
+"""Matches that are compared with each other, those of the densest part that seed cliques, and how many such parts
+are taken one after the other: repeated rooms fill the first with false matches."""
 DISTINCT_DEGREES = 5.0
 DISTINCT_SPACINGS = 3.0
 """Poses nearer to each other than both are one hypothesis; refinement brings them together anyway."""
@@ -50,12 +53,9 @@ def descriptor_hypotheses(
     count = len(matches[4])
     if count < 3:
         return np.zeros((0, 4, 4), np.float32), np.zeros(0, np.int32)
-    tolerance = matches[4].max()
-    poses = _clique_poses(matches)
-    poses, places = _rank_poses(poses, matches)
-    keep = _distinct(poses, _centroid(matches[2]), DISTINCT_SPACINGS * tolerance / DISTANCE_TOLERANCE)[
-        :max_hypotheses
-    ]
+    poses, places = _rank_poses(_clique_poses(matches), matches)
+    distance = DISTINCT_SPACINGS / DISTANCE_TOLERANCE * float(matches[4].max())
+    keep = _distinct(poses, _centroid(matches[2]), distance)[:max_hypotheses]
     poses, places = poses[keep], places[keep]
     return _uncentre(poses, np.asarray(a.center), np.asarray(b.center)), places
 
@@ -92,16 +92,31 @@ def _common_levels(a: MapDescriptors, b: MapDescriptors) -> list[tuple[Descripto
 
 
 def _clique_poses(matches: Matches) -> np.ndarray:
-    """Poses (p, 4, 4) of the cliques of three and more matches, grown in the densest part of the agreement."""
+    """Poses (p, 4, 4) of cliques of three and more matches, grown in the densest parts of the agreement."""
     agreement = _agreement(matches)
-    degree = np.asarray(agreement).sum(axis=1, dtype=np.int32)
+    is_left = np.ones(len(agreement), bool)
+    poses = []
+    for _ in range(ROUNDS):
+        nodes = _densest(agreement, is_left)
+        if len(nodes) < 3:
+            break
+        poses.append(_poses_of_part(agreement, nodes, matches))
+        is_left[nodes] = False
+    return np.concatenate([np.zeros((0, 4, 4), np.float32), *poses])
+
+
+def _densest(agreement: np.ndarray, is_left: np.ndarray) -> np.ndarray:
+    """The matches, among those left, that agree with the most others that are left; in order."""
+    degree = np.where(is_left, agreement @ is_left.astype(np.float32), 0.0)
     nodes = np.argsort(-degree, kind="stable")[:MAX_NODES]
-    nodes = np.sort(nodes[degree[nodes] >= 2])
-    if len(nodes) < 3:
-        return np.zeros((0, 4, 4), np.float32)
+    return np.sort(nodes[degree[nodes] >= 2.0])
+
+
+def _poses_of_part(agreement: np.ndarray, nodes: np.ndarray, matches: Matches) -> np.ndarray:
+    """Poses of the cliques grown from each of some matches, within them."""
     size = bucket_size(len(nodes), 256)
     dense = np.zeros((size, size), bool)
-    dense[: len(nodes), : len(nodes)] = np.asarray(agreement)[np.ix_(nodes, nodes)]
+    dense[: len(nodes), : len(nodes)] = agreement[np.ix_(nodes, nodes)]
     members, sizes = map(np.asarray, greedy_cliques(dense))
     seeds = np.flatnonzero(sizes[: len(nodes)] >= 3)
     weights = pad_rows(members[seeds].astype(np.float32), size)
