@@ -221,7 +221,7 @@ class _PlanBuilder:
         for i in order:
             a, b, wall, low, high = candidates[i]
             is_needed = group[a] != group[b]
-            if not is_needed and (self.equal_rooms or self.rng.random() > 0.3):
+            if not is_needed and (self.equal_rooms or self.rng.random() > 0.1):
                 continue
             door = self._cut_door(a, b, wall, low, high)
             if door is not None:
@@ -232,7 +232,7 @@ class _PlanBuilder:
     def _cut_door(self, a: int, b: int, wall: Wall, low: float, high: float) -> Door | None:
         """Cut one door where there is place."""
         for _ in range(20):
-            width = 0.95 if self.equal_rooms else float(self.rng.uniform(0.85, 1.15))
+            width = 0.95 if self.equal_rooms else float(self.rng.uniform(0.8, 1.0))
             share = self._equal_place(b) if self.equal_rooms else float(self.rng.random())
             start = low + _CORNER_CLEARANCE + share * (high - low - 2 * _CORNER_CLEARANCE - width)
             if not wall.is_open_near(start, width):

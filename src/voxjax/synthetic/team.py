@@ -73,7 +73,8 @@ def simulate_team(
         seed: Same seed and options, same maps.
         num_robots: Robots in the building.
         num_strangers: Further robots, each in another building.
-        overlap: Share of the rooms that all robots visit; the others are shared out among them.
+        overlap: Share of the rooms that all robots visit; the others are shared out among them. The maps overlap
+            by more than that, for robots look through doors; `Team.overlap` measures it.
         frame: How the maps' frames lie: turned about the vertical, also tilted by up to 8 degrees, or anyhow.
         voxel_size: Of the maps [m].
         drift: Standard deviation of the positions that the mapper believes in [m].
