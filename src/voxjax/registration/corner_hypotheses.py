@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float
 
 from ..features.types import KIND_UNKNOWN, Corners
 from ..matching.common_subgraph import maximum_common_subgraph
@@ -21,7 +21,7 @@ class CornerPoses(NamedTuple):
         is_observed: (k,): whether both corners were observed.
     """
 
-    poses: Float32[np.ndarray, "k 4 4"]
+    poses: Float[np.ndarray, "k 4 4"]
     is_observed: np.ndarray
 
 
@@ -87,7 +87,7 @@ class SubgraphPoses(NamedTuple):
         completed: Whether the search ended inside its budget.
     """
 
-    poses: Float32[np.ndarray, "k 4 4"]
+    poses: Float[np.ndarray, "k 4 4"]
     num_associations: int
     clique_size: int
     completed: bool

@@ -5,7 +5,7 @@ It needs no corner and no descriptor, and finds poses that neither does; it is a
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float
 from scipy.spatial import ConvexHull
 
 from .._types import Array
@@ -64,11 +64,11 @@ def _rung(cells: float) -> int:
 def exhaustive_hypotheses(
     a: PreparedMap,
     b: PreparedMap,
-    rotations: Float32[np.ndarray, "k 3 3"],
-    frame: Float32[np.ndarray, "3 3"],
+    rotations: Float[np.ndarray, "k 3 3"],
+    frame: Float[np.ndarray, "3 3"],
     *,
     num_peaks: int = 24,
-) -> tuple[Float32[np.ndarray, "m 4 4"], np.ndarray]:
+) -> tuple[Float[np.ndarray, "m 4 4"], np.ndarray]:
     """Best translations for each rotation of b into a.
 
     Args:

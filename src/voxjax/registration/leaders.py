@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float
 
 from .._buckets import bucket_size, pad_rows
 from .._types import Array
@@ -49,7 +49,7 @@ def sample_rows(prepared: PreparedMap, count: int) -> np.ndarray:
     return np.minimum(np.searchsorted(cumulated, at), prepared.num_points - 1)
 
 
-def inverse_poses(poses: Float32[np.ndarray, "k 4 4"]) -> Float32[np.ndarray, "k 4 4"]:
+def inverse_poses(poses: Float[np.ndarray, "k 4 4"]) -> Float[np.ndarray, "k 4 4"]:
     """`T_b_a` of each `T_a_b`."""
     inverse = np.zeros_like(poses)
     inverse[:, :3, :3] = np.swapaxes(poses[:, :3, :3], 1, 2)
@@ -65,8 +65,8 @@ def _padded(poses: np.ndarray, smallest: int) -> np.ndarray:
 
 
 def rank_poses(
-    a: PreparedMap, b: PreparedMap, poses: Float32[np.ndarray, "k 4 4"], *, num_points: int = 512
-) -> Float32[np.ndarray, "k"]:
+    a: PreparedMap, b: PreparedMap, poses: Float[np.ndarray, "k 4 4"], *, num_points: int = 512
+) -> Float[np.ndarray, "k"]:
     """Quick score of any number of unrefined poses: coarse tolerance, sampled voxels, sides ignored."""
     T = _padded(poses, 32)
     total = np.zeros(len(poses), np.float32)
@@ -83,7 +83,7 @@ def rank_poses(
 def judge_poses(
     a: PreparedMap,
     b: PreparedMap,
-    poses: Float32[np.ndarray, "k 4 4"],
+    poses: Float[np.ndarray, "k 4 4"],
     *,
     num_points: int | None,
     is_coarse: bool = False,
@@ -146,13 +146,13 @@ def distinct_poses(
 def refine_poses(
     a: PreparedMap,
     b: PreparedMap,
-    poses: Float32[np.ndarray, "k 4 4"],
+    poses: Float[np.ndarray, "k 4 4"],
     *,
     num_points: int,
     num_steps: int,
     start_distance: float = 5.0,
     final_distance: float = 1.5,
-) -> Float32[np.ndarray, "k 4 4"]:
+) -> Float[np.ndarray, "k 4 4"]:
     """Align each pose, b onto the surface of a; distances are robust scales [voxel]."""
     rows = sample_rows(b, num_points)
     weights = np.full(num_points, 1.0 / num_points, np.float32)
@@ -181,7 +181,7 @@ class Leaders(NamedTuple):
 def find_leaders(
     a: PreparedMap,
     b: PreparedMap,
-    poses: Float32[np.ndarray, "k 4 4"],
+    poses: Float[np.ndarray, "k 4 4"],
     *,
     num_ranked: int = 512,
     num_refined: int = 64,

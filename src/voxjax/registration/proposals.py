@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float
 
 from .corner_hypotheses import frame_poses, subgraph_poses
 from .descriptor_hypotheses import descriptor_hypotheses
@@ -31,7 +31,7 @@ class Proposals(eqx.Module):
         seconds: {source: s}.
     """
 
-    poses: Float32[np.ndarray, "k 4 4"]
+    poses: Float[np.ndarray, "k 4 4"]
     sources: tuple[str, ...]
     stats: dict
     seconds: dict

@@ -9,7 +9,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float, Float32
 
 from .._buckets import bucket_size, pad_rows
 from .._types import Array
@@ -25,7 +25,7 @@ KERNEL = 60.0
 
 
 def dominant_directions(
-    normals: Float32[np.ndarray, "n 3"], weights: Float32[np.ndarray, "n"], *, max_directions: int = 8
+    normals: Float[np.ndarray, "n 3"], weights: Float[np.ndarray, "n"], *, max_directions: int = 8
 ) -> tuple[np.ndarray, np.ndarray]:
     """Peaks of the unsigned normals and the share of the weight within 10 degrees of each.
 
@@ -161,15 +161,15 @@ def sample_normals(normals: np.ndarray, weights: np.ndarray, *, count: int = NUM
 
 
 def rotation_hypotheses(
-    samples_a: Float32[np.ndarray, "n 3"],
-    samples_b: Float32[np.ndarray, "m 3"],
+    samples_a: Float[np.ndarray, "n 3"],
+    samples_b: Float[np.ndarray, "m 3"],
     directions_a: np.ndarray,
     directions_b: np.ndarray,
     *,
     is_signed: bool,
     gravity_aligned: bool = False,
     max_rotations: int = 48,
-) -> tuple[Float32[np.ndarray, "k 3 3"], np.ndarray]:
+) -> tuple[Float[np.ndarray, "k 3 3"], np.ndarray]:
     """Distinct rotations of b into a, by agreement of the normals, best first.
 
     Args:

@@ -86,7 +86,7 @@ def decide(
         )
     if rival > max_rival:
         return Finding(
-            "ambiguous", min(confidence, 1.0 / (1.0 + rival)),
+            "ambiguous", min(confidence, 0.5),
             f"Another pose explains the maps almost as well ({100 * rival:.0f} % of the evidence): {shown}.",
         )  # fmt: skip
     return Finding(

@@ -1,0 +1,157 @@
+"""`vx.register` from end to end, on a small building."""
+
+import numpy as np
+import pytest
+from small_worlds import FURNITURE, OTHER_FURNITURE, OTHER_ROOMS, draw_map, pose
+
+import voxjax as vx
+from voxjax.metrics import pose_error
+from voxjax.pipeline.config import Config
+from voxjax.pipeline.pair import prepare, register_prepared, working_voxel_size
+
+T_MAP_WORLD = pose(yaw=-71.0, tilt=25.0, translation=(-4.0, 2.5, 0.7))
+
+
+@pytest.fixture(scope="module")
+def maps():
+    """Two overlapping parts of the building, in two frames; the second robot found one thing moved."""
+    moved = (*FURNITURE[:-1], ((0.4, 5.0, 0.0), (1.2, 5.6, 0.7)))
+    a = draw_map(seen=((-0.3, -0.3, -0.3), (9.4, 4.3, 3.0)))
+    b = draw_map(T_MAP_WORLD, furniture=moved, seen=((-0.3, -0.3, -0.3), (6.5, 8.4, 3.0)))
+    return a, b, np.linalg.inv(T_MAP_WORLD)
+
+
+@pytest.fixture(scope="module")
+def registration(maps):
+    return vx.register(maps[0], maps[1])
+
+
+def centroid(grid):
+    return grid.occupied_points().mean(axis=0, dtype=np.float64)
+
+
+def test_the_true_pose_is_accepted(maps, registration):
+    error = pose_error(registration.T_a_b, maps[2], centroid(maps[1]))
+    assert registration.accepted
+    assert registration.confidence > 0.8
+    assert error.degrees < 0.6
+    assert error.metres < 0.08
+    assert np.asarray(registration.T_a_b).dtype == np.float32
+
+
+def test_hypotheses_are_distinct_and_best_first(registration):
+    scores = [h.score for h in registration.hypotheses]
+    assert scores == sorted(scores, reverse=True)
+    np.testing.assert_array_equal(registration.hypotheses[0].T_a_b, registration.T_a_b)
+    assert registration.hypotheses[0].source in {
+        "corner", "virtual corner", "subgraph", "descriptor", "exhaustive"
+    }  # fmt: skip
+
+
+def test_covariance_is_a_covariance(registration):
+    covariance = np.asarray(registration.covariance, np.float64)
+    np.testing.assert_allclose(covariance, covariance.T, atol=1e-9)
+    assert (np.linalg.eigvalsh(covariance) > 0).all()
+    assert np.sqrt(np.diag(covariance)).max() < 0.2
+
+
+def test_stats_name_what_was_tried(registration):
+    stats = registration.stats
+    assert stats["num_hypotheses"] > 100
+    assert stats["num_corners_a"] > 0
+    assert set(stats["seconds"]) >= {"features", "corner frames", "exhaustive search", "leaders", "verdict"}
+
+
+def test_the_other_way_round_is_the_inverse(maps, registration):
+    back = vx.register(maps[1], maps[0])
+    error = pose_error(back.T_a_b @ registration.T_a_b, np.eye(4), centroid(maps[1]))
+    assert back.accepted
+    assert error.degrees < 0.3
+    assert error.metres < 0.05
+
+
+def test_two_runs_give_the_same_bits(maps, registration):
+    again = vx.register(maps[0], maps[1])
+    np.testing.assert_array_equal(again.T_a_b, registration.T_a_b)
+    np.testing.assert_array_equal(again.covariance, registration.covariance)
+    assert again.confidence == registration.confidence
+    assert [h.score for h in again.hypotheses] == [h.score for h in registration.hypotheses]
+
+
+def test_identical_maps_give_the_identity(maps):
+    found = vx.register(maps[0], maps[0])
+    assert found.accepted
+    np.testing.assert_allclose(found.T_a_b, np.eye(4), atol=0.01)
+
+
+def test_different_buildings_are_not_accepted(maps):
+    stranger = draw_map(T_MAP_WORLD, rooms=OTHER_ROOMS, furniture=OTHER_FURNITURE)
+    found = vx.register(maps[0], stranger)
+    assert not found.accepted
+    assert found.confidence <= 0.5
+    assert found.reason
+
+
+def test_different_voxel_sizes_are_compared_at_the_coarser(maps):
+    fine = draw_map(T_MAP_WORLD, voxel_size=0.1)
+    found = vx.register(maps[0], fine)
+    error = pose_error(found.T_a_b, maps[2], centroid(fine))
+    assert working_voxel_size([maps[0], fine], Config()) == maps[0].voxel_size
+    assert error.degrees < 1.0
+    assert error.metres < 0.15
+
+
+def test_gravity_aligned_finds_yaw_only():
+    T = pose(yaw=120.0, translation=(1.0, 2.0, 0.0))
+    b = draw_map(T)
+    found = vx.register(draw_map(), b, gravity_aligned=True)
+    error = pose_error(found.T_a_b, np.linalg.inv(T), centroid(b))
+    assert found.accepted
+    assert error.degrees < 0.6
+    assert error.metres < 0.08
+    assert all(h.T_a_b[2, 2] > 0.97 for h in found.hypotheses)
+
+
+def test_a_guess_alone_is_refined(maps):
+    only_guess = {"source": {"corners": False, "subgraph": False, "descriptors": False, "exhaustive": False}}
+    guess = pose(yaw=2.0, translation=(0.1, -0.1, 0.05)) @ maps[2]
+    found = vx.register(maps[0], maps[1], init_guess=guess, config=only_guess)
+    error = pose_error(found.T_a_b, maps[2], centroid(maps[1]))
+    assert found.hypotheses[0].source == "guess"
+    assert error.degrees < 0.6
+    assert error.metres < 0.08
+
+
+def test_nothing_proposed_is_an_outcome(maps):
+    nothing = {"source": {"corners": False, "subgraph": False, "descriptors": False, "exhaustive": False}}
+    found = vx.register(maps[0], maps[1], config=nothing)
+    assert found.verdict == "no_overlap"
+    assert found.hypotheses == ()
+
+
+def grid_of(states):
+    return vx.VoxelGrid(states, np.zeros(3, np.float32), 0.1)
+
+
+@pytest.mark.parametrize("preset", ["default", "paper"])
+@pytest.mark.parametrize("case", ["empty", "one voxel", "flat", "line"])
+def test_maps_that_hold_no_pose_are_an_outcome(case, preset):
+    states = np.ones((12, 12, 12), np.uint8)
+    if case == "one voxel":
+        states[5, 5, 5] = 2
+    if case == "flat":
+        states[:, :, 5] = 2
+    if case == "line":
+        states[:, 5, 5] = 2
+    found = vx.register(grid_of(states), grid_of(states), preset=preset)
+    assert not found.accepted
+    assert found.reason
+
+
+def test_bad_arguments_are_refused(maps):
+    with pytest.raises(vx.InputError, match="preset"):
+        vx.register(maps[0], maps[1], preset="fast")  # pyright: ignore[reportArgumentType]
+    with pytest.raises(vx.InputError, match="init_guess"):
+        vx.register(maps[0], maps[1], init_guess=np.zeros((4, 4)))
+    with pytest.raises(vx.InputError, match="same voxel_size"):
+        register_prepared(prepare(maps[0], voxel_size=0.2), prepare(maps[1], voxel_size=0.3))

@@ -1,0 +1,83 @@
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from voxjax.registration.rotations import (
+    distinct_rotations,
+    dominant_directions,
+    pair_rotations,
+    rotation_hypotheses,
+    sample_normals,
+    sharpen_rotations,
+)
+
+AXES = np.asarray([[1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
+
+
+def noisy_normals(axes, counts, degrees, seed):
+    rng = np.random.default_rng(seed)
+    normals = np.repeat(axes, counts, axis=0)
+    normals = normals + np.radians(degrees) * rng.normal(size=normals.shape)
+    return (normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32)
+
+
+def angle(R):
+    return np.degrees(Rotation.from_matrix(R).magnitude())
+
+
+def test_directions_are_the_axes_of_the_surface():
+    normals = noisy_normals(np.concatenate([AXES, -AXES]), [400, 300, 200, 400, 100, 250], 3.0, 0)
+    directions, shares = dominant_directions(normals, np.ones(len(normals), np.float32))
+    found = np.abs(directions[:3] @ AXES.T)
+    assert (found.max(axis=1) > np.cos(np.radians(1.0))).all()
+    assert sorted(found.argmax(axis=1)) == [0, 1, 2]
+    assert (np.diff(shares) <= 1e-9).all()
+
+
+def test_two_axes_systems_match_in_24_rotations():
+    R = Rotation.random(random_state=4).as_matrix()
+    rotations = pair_rotations(AXES, AXES @ R)
+    kept = distinct_rotations(rotations, np.zeros(len(rotations)), angle=4.0, max_count=100)
+    assert len(kept) == 24
+    assert min(angle(r.T @ R) for r in rotations) < 1e-3
+
+
+def test_directions_at_other_angles_do_not_match():
+    skew = np.asarray([[1, 0, 0], [np.cos(1.0), np.sin(1.0), 0]])
+    assert len(pair_rotations(AXES[:2], skew)) == 0
+
+
+def test_signed_normals_single_out_the_rotation():
+    axes = np.concatenate([AXES, -AXES])
+    counts = [100, 300, 200, 250, 150, 120]
+    R = Rotation.random(random_state=7).as_matrix()
+    a = noisy_normals(axes, counts, 2.0, 1)
+    b = noisy_normals(axes @ R, counts, 2.0, 2)
+    seen = [sample_normals(n, np.ones(len(n))) for n in (a, b)]
+    found = [dominant_directions(n, np.ones(len(n), np.float32))[0] for n in (a, b)]
+    rotations, agreement = rotation_hypotheses(*seen, *found, is_signed=True)
+    assert len(rotations) == 24
+    assert angle(rotations[0].T @ R) < 0.5
+    assert (np.diff(agreement) <= 0).all()
+    upright, _ = rotation_hypotheses(*seen, *found, is_signed=True, gravity_aligned=True)
+    assert all(r[2, 2] > np.cos(np.radians(12)) for r in upright)
+
+
+def test_no_directions_give_no_rotations():
+    normals = np.zeros((512, 3), np.float32)
+    rotations, agreement = rotation_hypotheses(normals, normals, np.zeros((0, 3)), np.zeros((0, 3)), is_signed=False)
+    assert rotations.shape == (0, 3, 3)
+    assert agreement.shape == (0,)
+
+
+@pytest.mark.parametrize("is_signed", [True, False])
+def test_sharpening_climbs_and_stays_a_rotation(is_signed):
+    normals = noisy_normals(np.concatenate([AXES, -AXES]), [80] * 6, 2.0, 3)[: 6 * 80]
+    start = Rotation.from_rotvec([[0.05, -0.04, 0.06], [0.0, 0.08, 0.0]]).as_matrix().astype(np.float32)
+    before = sharpen_rotations(normals, normals, start, is_signed=is_signed, num_steps=1)[1]
+    sharp, after = sharpen_rotations(normals, normals, start, is_signed=is_signed)
+    assert (np.asarray(after) >= np.asarray(before) - 1e-6).all()
+    for R in np.asarray(sharp, np.float64):
+        np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-5)
+        assert np.linalg.det(R) > 0
+        assert angle(R) < 0.5
