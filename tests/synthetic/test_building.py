@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from voxjax.synthetic import make_building, make_hotel
+from voxjax.synthetic.building import close_doors
 
 BESIDE = 0.02  # metres
 
@@ -118,4 +119,17 @@ def test_same_seed_gives_the_same_building_and_another_seed_another():
     assert np.array_equal(first.corners.position, again.corners.position)
     assert first.solids.footprint.shape != other.solids.footprint.shape or not np.array_equal(
         first.solids.footprint, other.solids.footprint
+    )
+
+
+def test_doors_close_only_where_the_robot_does_not_pass(building):
+    door = building.plan.doors[0]
+    other = close_doors(building, [], np.random.default_rng(0), 1.0)
+    own = close_doors(building, list(door.rooms), np.random.default_rng(0), 1.0)
+    middle = np.asarray([[*door.centre, 1.0]])
+    assert is_solid(other, middle).all()
+    assert not is_solid(own, middle).any()
+    assert np.count_nonzero(other.solids.kind == "door") == len(building.plan.doors)
+    assert len(close_doors(building, [], np.random.default_rng(0), 0.0).solids.kind) == len(
+        building.solids.kind
     )

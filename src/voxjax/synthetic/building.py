@@ -1,12 +1,12 @@
 """Generated buildings: rooms, doors, windows and furniture as solids, with their true corners."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .furniture import Item, furnish, turned
-from .layout import WALL_THICKNESS, Plan, Wall, make_plan
-from .prisms import Prisms, make_prisms, rectangle
+from .layout import DOOR_HEIGHT, WALL_THICKNESS, Plan, Wall, make_plan
+from .prisms import Prisms, join_prisms, make_prisms, rectangle
 from .true_corners import TrueCorners, find_true_corners
 
 SLAB_THICKNESS = 0.25
@@ -116,6 +116,25 @@ def make_hotel(
         others = furnish(rng, plan, room, height=height, clutter=clutter)
         pieces += _clear_of(others, kept)[: len(template) - len(kept)]
     return _assemble(plan, height, pieces)
+
+
+def close_doors(building: Building, rooms: list[int], rng: np.random.Generator, share: float) -> Building:
+    """The building as a robot finds it that passes only doors between its own rooms.
+
+    Args:
+        building: With all doors open.
+        rooms: The robot's rooms; doors between them stay open.
+        rng: Source of chance.
+        share: Probability that another door is closed.
+    """
+    panels = []
+    for door in building.plan.doors:
+        if set(door.rooms) <= set(rooms) or rng.random() >= share:
+            continue
+        along = float(np.arctan2(-door.normal[0], door.normal[1]))
+        # Wider than any door: what is too much lies inside the wall.
+        panels.append((rectangle(door.centre, 1.1, 0.05, along), 0.0, DOOR_HEIGHT, "door"))
+    return replace(building, solids=join_prisms(building.solids, make_prisms(panels)))
 
 
 def _clear_of(pieces: list[list[Item]], kept: list[list[Item]]) -> list[list[Item]]:

@@ -6,7 +6,7 @@ import numpy as np
 
 WALL_THICKNESS = 0.2
 
-_DOOR_HEIGHT = 2.05
+DOOR_HEIGHT = 2.05
 _CORNER_CLEARANCE = 0.45  # no opening nearer to a corner of a room [m]
 
 
@@ -236,7 +236,7 @@ class _PlanBuilder:
             share = self._equal_place(b) if self.equal_rooms else float(self.rng.random())
             start = low + _CORNER_CLEARANCE + share * (high - low - 2 * _CORNER_CLEARANCE - width)
             if not wall.is_open_near(start, width):
-                wall.openings.append(Opening(start, width, 0.0, _DOOR_HEIGHT))
+                wall.openings.append(Opening(start, width, 0.0, DOOR_HEIGHT))
                 u = wall.along
                 centre = wall.start + (start + 0.5 * width) * u
                 normal = np.asarray([-u[1], u[0]])

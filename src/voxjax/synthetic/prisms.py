@@ -20,7 +20,7 @@ class Prisms(NamedTuple):
     Attributes:
         footprint: (n, 4, 2) [m], the vertices counterclockwise seen from above.
         z_range: (n, 2) [m], bottom and top.
-        kind: (n,) names: "wall", "floor", "ceiling", "furniture" or "person".
+        kind: (n,) names: "wall", "floor", "ceiling", "furniture", "door" or "person".
     """
 
     footprint: np.ndarray

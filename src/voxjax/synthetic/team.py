@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from ..grid import VoxelGrid
-from .building import Building, make_building, make_hotel
+from .building import Building, close_doors, make_building, make_hotel
 from .lidar import Lidar, take_scan
 from .mapping import build_map
 from .observed import observed_corners
@@ -64,6 +64,7 @@ def simulate_team(
     drift: float = 0.03,
     clutter: float = 1.0,
     skew: float = 0.0,
+    closed_doors: float = 0.6,
     building: Building | None = None,
     lidar: Lidar | None = None,
 ) -> Team:
@@ -80,6 +81,7 @@ def simulate_team(
         drift: Standard deviation of the positions that the mapper believes in [m].
         clutter: Amount of furniture; 1 is about three pieces in a room of 20 m².
         skew: Tangent of the largest angle by which walls lean away from right angles.
+        closed_doors: Share of the doors that a robot finds closed, of those that it does not pass.
         building: None draws one.
         lidar: None takes the default with a noise of 1 to 3 cm.
     """
@@ -97,7 +99,8 @@ def simulate_team(
     grids, poses = [], []
     for where, visited in places:
         T_world_map = draw_frame(rng, frame)
-        grids.append(_map_rooms(rng, where, visited, T_world_map, voxel_size, drift, lidar))
+        found = close_doors(where, visited, rng, closed_doors)
+        grids.append(_map_rooms(rng, found, visited, T_world_map, voxel_size, drift, lidar))
         poses.append(T_world_map if where is building else None)
     is_observed = np.stack(
         [observed_corners(building.corners, g, T) for g, T in zip(grids, poses, strict=True)]
