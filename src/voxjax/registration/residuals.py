@@ -7,12 +7,16 @@ that both halves of it are decoupled and float32 keeps its digits.
 from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32, UInt32
 
 from .. import rigid
 from .._types import Array
 from ..ops.evidence import lookup
 from ..ops.nearest import NOTHING_NEAR, split_keys
+
+Scalar = Float[Array, ""] | np.floating
+"""A length that may be traced."""
 
 Loss = Literal["geman_mcclure", "cauchy", "huber", "squared"]
 
@@ -126,7 +130,7 @@ def surface_residuals(
     T: Float[Array, "4 4"],
     surface: Surface,
     sample: Sample,
-    scale: Float[Array, ""],
+    scale: Scalar,
     *,
     loss: Loss,
 ) -> Float[Array, "n 3"]:
@@ -154,7 +158,7 @@ def surface_residuals(
 
 
 def mean_cost(
-    T: Float[Array, "4 4"], surface: Surface, sample: Sample, scale: Float[Array, ""], *, loss: Loss
+    T: Float[Array, "4 4"], surface: Surface, sample: Sample, scale: Scalar, *, loss: Loss
 ) -> Float[Array, ""]:
     """Weighted mean of the robust loss at a pose, in units of the scale squared."""
     zero = jnp.zeros(6, T.dtype)
@@ -163,7 +167,7 @@ def mean_cost(
 
 
 def plane_information(
-    T: Float[Array, "4 4"], surface: Surface, sample: Sample, scale: Float[Array, ""]
+    T: Float[Array, "4 4"], surface: Surface, sample: Sample, scale: Scalar
 ) -> tuple[Float[Array, "6 6"], Float[Array, ""], Float[Array, ""]]:
     """What the planes say about the pose.
 
