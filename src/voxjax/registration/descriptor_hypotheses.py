@@ -18,7 +18,7 @@ MAX_NODES = 1024
 ROUNDS = 2
 """Matches that are compared with each other, those of the densest part that seed cliques, and how many such parts
 are taken one after the other: repeated rooms fill the first with false matches."""
-DISTINCT_DEGREES = 5.0
+DISTINCT_DEGREES = 10.0
 DISTINCT_SPACINGS = 3.0
 """Poses nearer to each other than both are one hypothesis; refinement brings them together anyway."""
 
@@ -55,7 +55,10 @@ def descriptor_hypotheses(
         return np.zeros((0, 4, 4), np.float32), np.zeros(0, np.int32)
     poses, places = _rank_poses(_clique_poses(matches), matches)
     distance = DISTINCT_SPACINGS / DISTANCE_TOLERANCE * float(matches[4].max())
-    keep = _distinct(poses, _centroid(matches[2]), distance)[:max_hypotheses]
+    centroid = matches[2].mean(axis=0, dtype=np.float64).astype(np.float32)
+    keep = _distinct(poses, centroid, distance)[:max_hypotheses]
+    poses, places = _rank_poses(poses[keep], matches, rounds=3)
+    keep = _distinct(poses, centroid, distance)
     poses, places = poses[keep], places[keep]
     return _uncentre(poses, np.asarray(a.center), np.asarray(b.center)), places
 
@@ -136,16 +139,16 @@ def _agreement(matches: Matches) -> np.ndarray:
     return np.asarray(agreement)[:count, :count]
 
 
-def _rank_poses(poses: np.ndarray, matches: Matches) -> tuple[np.ndarray, np.ndarray]:
+def _rank_poses(poses: np.ndarray, matches: Matches, rounds: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Refit each pose to all matches it explains; poses and their numbers of separate places, best first."""
     count, size = len(matches[4]), bucket_size(len(matches[4]), 256)
     *sides, tolerance = (pad_rows(values, size) for values in matches)
-    padded = pad_rows(poses, bucket_size(len(poses), 256))
+    padded = pad_rows(poses, bucket_size(len(poses), 32))
     mask = np.arange(size) < count
     options = {"distance_tolerance": tolerance, "min_cosine": MIN_COSINE}
-    explained = matches_under_poses(padded, *sides, mask, **options)
-    weights = np.asarray(explained).astype(np.float32)
-    padded = poses_from_matches(*sides, weights, normal_weight=float(matches[4].min()) ** 2)
+    for _ in range(rounds):
+        weights = np.asarray(matches_under_poses(padded, *sides, mask, **options)).astype(np.float32)
+        padded = poses_from_matches(*sides, weights, normal_weight=float(matches[4].min()) ** 2)
     explained = np.asarray(matches_under_poses(padded, *sides, mask, **options))[: len(poses), :count]
     places = _count_places(explained, matches)
     order = np.argsort(-places, kind="stable")
@@ -174,10 +177,6 @@ def _distinct(poses: np.ndarray, point: np.ndarray, distance: float) -> list[int
         if not np.any((angles < DISTINCT_DEGREES) & (offsets < distance)):
             kept.append(row)
     return kept
-
-
-def _centroid(points: np.ndarray) -> np.ndarray:
-    return points.mean(axis=0, dtype=np.float64).astype(np.float32)
 
 
 def _uncentre(poses: np.ndarray, center_a: np.ndarray, center_b: np.ndarray) -> np.ndarray:
