@@ -14,10 +14,12 @@ COSINE_TOLERANCE = 0.3
 MIN_COSINE = 0.8
 """Largest difference of corresponding cosines of two matches; least cosine of matched normals under a pose."""
 MAX_MATCHES = 4096
+MAX_COMPARED = 2048
 MAX_NODES = 1024
 ROUNDS = 2
-"""Matches that are compared with each other, those of the densest part that seed cliques, and how many such parts
-are taken one after the other: repeated rooms fill the first with false matches."""
+MAX_SEEDS = 512
+"""Matches kept, those that are compared with each other, those of the densest part that seed cliques, how many such
+parts are taken one after the other (repeated rooms fill the first with false matches), and cliques kept of each."""
 DISTINCT_DEGREES = 10.0
 DISTINCT_SPACINGS = 3.0
 """Poses nearer to each other than both are one hypothesis; refinement brings them together anyway."""
@@ -73,12 +75,18 @@ def _collect_matches(a: MapDescriptors, b: MapDescriptors) -> Matches:
             np.asarray(level_b.points)[rows[:, 1]], np.asarray(level_b.normals)[rows[:, 1]],
             np.full(len(rows), DISTANCE_TOLERANCE * level_a.spacing, np.float32),
         ))  # fmt: skip
-    matches = [np.concatenate(part) for part in zip(*parts, strict=True)]
+    x, n, y, m, tolerance = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return _evenly((x, n, y, m, tolerance), MAX_MATCHES)
+
+
+def _evenly(matches: Matches, limit: int) -> Matches:
+    """At most `limit` matches, evenly chosen: the descriptor distance does not tell right from wrong ones."""
     count = len(matches[4])
-    if count > MAX_MATCHES:  # evenly: the descriptor distance does not tell right matches from wrong ones
-        keep = np.linspace(0, count - 1, MAX_MATCHES).astype(np.int64)
-        matches = [part[keep] for part in matches]
-    return tuple(matches)  # pyright: ignore[reportReturnType]
+    if count <= limit:
+        return matches
+    keep = np.linspace(0, count - 1, limit).astype(np.int64)
+    x, n, y, m, tolerance = (part[keep] for part in matches)
+    return x, n, y, m, tolerance
 
 
 def _common_levels(a: MapDescriptors, b: MapDescriptors) -> list[tuple[DescriptorLevel, DescriptorLevel]]:
@@ -96,6 +104,7 @@ def _common_levels(a: MapDescriptors, b: MapDescriptors) -> list[tuple[Descripto
 
 def _clique_poses(matches: Matches) -> np.ndarray:
     """Poses (p, 4, 4) of cliques of three and more matches, grown in the densest parts of the agreement."""
+    matches = _evenly(matches, MAX_COMPARED)
     agreement = _agreement(matches)
     is_left = np.ones(len(agreement), bool)
     poses = []
@@ -121,8 +130,9 @@ def _poses_of_part(agreement: np.ndarray, nodes: np.ndarray, matches: Matches) -
     dense = np.zeros((size, size), bool)
     dense[: len(nodes), : len(nodes)] = agreement[np.ix_(nodes, nodes)]
     members, sizes = map(np.asarray, greedy_cliques(dense))
-    seeds = np.flatnonzero(sizes[: len(nodes)] >= 3)
-    weights = pad_rows(members[seeds].astype(np.float32), size)
+    seeds = np.argsort(-sizes[: len(nodes)], kind="stable")[:MAX_SEEDS]
+    seeds = seeds[sizes[seeds] >= 3]
+    weights = pad_rows(members[seeds].astype(np.float32), bucket_size(len(seeds), 32))
     part = [pad_rows(values[nodes], size) for values in matches[:4]]
     poses = poses_from_matches(*part, weights, normal_weight=float(matches[4].min()) ** 2)
     return np.asarray(poses)[: len(seeds)]
