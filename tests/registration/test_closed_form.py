@@ -39,7 +39,7 @@ def test_points_of_weight_zero_do_not_count_whatever_they_hold():
 def test_mirrored_points_give_a_rotation_not_a_reflection():
     rng = np.random.default_rng(2)
     b = rng.normal(size=(20, 3)).astype(np.float32)
-    T = np.asarray(align_points(b * np.float32([1, 1, -1]), b))
+    T = np.asarray(align_points(b * np.array([1, 1, -1], np.float32), b))
     assert np.linalg.det(T[:3, :3]) == pytest.approx(1.0, abs=1e-5)
     np.testing.assert_allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-5)
 

@@ -106,7 +106,10 @@ def test_bad_input_is_one_sentence(pair, changes, word):
 def test_the_tangent_moves_the_centroid_by_its_translation():
     rng = np.random.default_rng(0)
     T = random_pose(rng).astype(np.float32)
-    centroid, tangent = rng.normal(size=3).astype(np.float32), np.float32([0.1, -0.2, 0.3, 0.4, 0.5, -0.6])
+    centroid, tangent = (
+        rng.normal(size=3).astype(np.float32),
+        np.array([0.1, -0.2, 0.3, 0.4, 0.5, -0.6], np.float32),
+    )
     moved = np.asarray(move_about(T, centroid, tangent))
     before, after = T[:3, :3] @ centroid + T[:3, 3], moved[:3, :3] @ centroid + moved[:3, 3]
     np.testing.assert_allclose(after - before, tangent[:3], atol=1e-5)
@@ -117,8 +120,8 @@ def test_the_tangent_moves_the_centroid_by_its_translation():
 
 @pytest.mark.parametrize("loss", ["geman_mcclure", "cauchy", "huber", "squared"])
 def test_losses_follow_their_definition_and_have_a_slope_at_zero(loss):
-    lengths = np.float32([0.0, 1e-4, 0.3, 0.99, 1.01, 4.0, 50.0])
-    offsets = lengths[:, None] * np.float32([0.6, 0.0, 0.8])[None, :]
+    lengths = np.array([0.0, 1e-4, 0.3, 0.99, 1.01, 4.0, 50.0], np.float32)
+    offsets = lengths[:, None] * np.array([0.6, 0.0, 0.8], np.float32)[None, :]
     x = lengths.astype(np.float64) ** 2
     expected = {
         "geman_mcclure": x / (1 + x),
@@ -136,7 +139,8 @@ def test_residuals_equal_a_search_over_all_voxels(arrays):
     """Brute force over the surface, point by point, away from ties and from the end of the reach."""
     surface, sample, T = arrays
     scale = np.float32(0.2)
-    few = Sample(*(np.asarray(x)[::16] for x in sample[:3]), sample.centroid)
+    points, normals_b, weights = (np.asarray(x)[::16] for x in sample[:3])
+    few = Sample(points, normals_b, weights, sample.centroid)
     residual = np.asarray(
         surface_residuals(jnp.zeros(6, jnp.float32), T, surface, few, scale, loss="squared")
     )
@@ -188,7 +192,7 @@ def test_the_other_side_of_a_wall_is_no_match():
 
 def test_gradient_with_respect_to_weights_and_start_is_finite(arrays):
     surface, sample, T = arrays
-    scales = np.float32([0.2, 0.1])
+    scales = np.array([0.2, 0.1], np.float32)
 
     def probe(T, weights):
         found = refine_pose(T, surface, sample._replace(weights=weights), scales, _radius(sample))
@@ -203,11 +207,12 @@ def test_gradient_with_respect_to_weights_and_start_is_finite(arrays):
 
 def test_a_second_start_compiles_nothing(arrays):
     surface, sample, T = arrays
-    scales = np.float32([0.2, 0.1])
+    scales = np.array([0.2, 0.1], np.float32)
     refine_pose(jnp.asarray(T), surface, sample, scales, _radius(sample))
-    before = refine_pose._cache_size()
+    count = refine_pose._cache_size  # pyright: ignore
+    before = count()
     refine_pose(jnp.eye(4, dtype=jnp.float32), surface, sample, scales, np.float32(1.0))
-    assert refine_pose._cache_size() == before
+    assert count() == before
 
 
 def test_surface_is_a_pytree_of_arrays(arrays):

@@ -6,7 +6,7 @@ from typing import Literal
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int, Int32
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from .._checks import check_choice
 from .._results import RESULTS
@@ -189,13 +189,13 @@ def close_corners(
     """
     rows_a, rows_b = np.flatnonzero(mask_a), np.flatnonzero(mask_b)
     corners_a, corners_b = points_a[rows_a].astype(np.float64), points_b[rows_b].astype(np.float64)
-    tree_a = cKDTree(corners_a)
+    tree_a = KDTree(corners_a)
     solve = kabsch if align is None else align
 
     def extend(matches: np.ndarray) -> np.ndarray:
         T_a_b = np.asarray(solve(points_a[matches[:, 0]], points_b[matches[:, 1]]), np.float64)
         moved = corners_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]
-        distance, nearest = tree_a.query(moved, distance_upper_bound=distance_tolerance)
+        distance, nearest = map(np.asarray, tree_a.query(moved, distance_upper_bound=distance_tolerance))
         scheme = {int(i): int(j) for i, j in matches}
         taken = set(scheme.values())
         for k in np.argsort(distance, kind="stable"):

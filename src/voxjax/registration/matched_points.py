@@ -8,7 +8,7 @@ import lineax as lx
 import numpy as np
 import optimistix as optx
 from jaxtyping import Bool, Float, Float32, Int32
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from .._buckets import bucket_size, pad_rows
 from .._types import Array
@@ -35,14 +35,14 @@ class NeighbouringPoints:
             voxels_b: The same of b.
             voxel_size: [m].
         """
-        self.tree_a, self.tree_b = cKDTree(voxels_a), cKDTree(voxels_b)
+        self.tree_a, self.tree_b = KDTree(voxels_a), KDTree(voxels_b)
         self.voxels_a, self.voxels_b = voxels_a, voxels_b
         self.voxel_size = voxel_size
 
     def beside(self, corners_b: Float32[np.ndarray, "k 3"], *, radius: float, count: int) -> np.ndarray:
         """Rows of the voxels of b within `radius` [m] of the corners, at most `count` a corner, each once."""
-        size = min(count, len(self.voxels_b))
-        _, rows = self.tree_b.query(corners_b, k=np.arange(1, size + 1), distance_upper_bound=radius)
+        ranks = list(range(1, min(count, len(self.voxels_b)) + 1))
+        _, rows = self.tree_b.query(corners_b, k=ranks, distance_upper_bound=radius)  # pyright: ignore
         rows = np.unique(rows)
         return rows[rows < len(self.voxels_b)]
 
@@ -51,7 +51,7 @@ class NeighbouringPoints:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Voxels of b and the nearest voxels of a under a pose, where these lie within `max_distance` [m]."""
         moved = self.voxels_b[rows_b] @ T_a_b[:3, :3].T + T_a_b[:3, 3]
-        distance, nearest = self.tree_a.query(moved, distance_upper_bound=max_distance)
+        distance, nearest = map(np.asarray, self.tree_a.query(moved, distance_upper_bound=max_distance))
         is_near = np.isfinite(distance)
         return self.voxels_a[nearest[is_near]], self.voxels_b[rows_b[is_near]]
 

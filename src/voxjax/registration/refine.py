@@ -38,8 +38,12 @@ MAX_STEPS = 24
 TOLERANCE = 1e-5
 """Relative and absolute; float32 gains nothing below (measured)."""
 
-PATCH_VOXELS = 50.0
+PATCH_VOXELS = 200.0
 """Surface voxels that share one error: maps are wrong by whole patches, not voxel by voxel."""
+
+MAP_ACCURACY = 0.75
+"""Drift that bends a map shifts the pose however many voxels agree: 0.2 to 1.3 voxels an axis on generated pairs,
+and about the same at the map's radius [voxel]."""
 
 PRIOR = 1.0
 """A direction that no surface fixes is uncertain by this [m, or m at the map's radius]."""
@@ -113,22 +117,22 @@ def refine(
     if num_points < 1:
         raise InputError(f"num_points must be 1 or more, got {num_points}.")
     start = check_pose("T_a_b", T_a_b)
-    a, b = (m if isinstance(m, PreparedMap) else _prepared(m) for m in (a, b))
-    if a is None or b is None:
+    target, other = (m if isinstance(m, PreparedMap) else _prepared(m) for m in (a, b))
+    if target is None or other is None:
         return _nothing_to_refine(start)
-    voxel = a.grid.voxel_size
+    voxel = target.grid.voxel_size
     first = (
         START_DISTANCE * voxel if max_distance is None else check_positive("max_distance", max_distance, "m")
     )
     last = FINAL_DISTANCE * voxel if final_distance is None else final_distance
     last = min(check_positive("final_distance", last, "m"), first)
-    surface = surface_of(a, is_signed=a.has_free_space and b.has_free_space)
-    sample = sample_of(b, num_points)
+    surface = surface_of(target, is_signed=target.has_free_space and other.has_free_space)
+    sample = sample_of(other, num_points)
     scales = np.geomspace(first, last, NUM_LEVELS).astype(np.float32)
     radius = _radius(sample)
     found = refine_pose(jnp.asarray(start), surface, sample, scales, radius, loss=loss)
     covariance, is_degenerate = pose_covariance(
-        found.T_a_b, surface, sample, scales[-1], radius, np.float32(b.num_points / PATCH_VOXELS)
+        found.T_a_b, surface, sample, scales[-1], radius, np.float32(other.num_points / PATCH_VOXELS)
     )
     if bool(is_degenerate):
         result = RESULTS.degenerate
@@ -254,6 +258,7 @@ def pose_covariance(
     scaled = information * units[:, None] * units[None, :] * num_patches / variance
     values, vectors = jnp.linalg.eigh(scaled)
     spread = (vectors / (jnp.maximum(values, 0.0) + 1.0 / PRIOR**2)[None, :]) @ vectors.T
+    spread = spread + (MAP_ACCURACY * surface.voxel_size) ** 2 * jnp.eye(6, dtype=T_a_b.dtype)
     is_degenerate = values[0] < 1.0 / scale**2
     return spread * units[:, None] * units[None, :], is_degenerate
 
