@@ -13,6 +13,7 @@ import os
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -23,9 +24,8 @@ from voxjax.metrics import pose_error
 from voxjax.registration.descriptor_hypotheses import descriptor_hypotheses
 
 MAX_DEGREES, MAX_METRES = 10.0, 1.0
-SIMULATED = (
-    "yaw_20_0,yaw_40_0,tilt_20_1,tilt_65_0,so3_20_0,so3_40_1,so3_65_0,hotel_0"  # one of each kind and overlap
-)
+SIMULATED = "yaw_20_0,yaw_40_0,tilt_20_1,tilt_65_0,so3_20_0,so3_40_1,so3_65_0,hotel_0"
+"""One simulated pair of each kind and overlap, or nearly."""
 
 
 def main(argv: list[str]) -> int:
@@ -101,9 +101,8 @@ def _kiss_matcher(a: vx.VoxelGrid, b: vx.VoxelGrid, T: np.ndarray, centroid: np.
     """Columns of the table for KISS-Matcher, and whether its pose is right."""
     import kiss_matcher
 
-    matcher = kiss_matcher.KISSMatcher(
-        kiss_matcher.KISSMatcherConfig(working_spacing(a.voxel_size, b.voxel_size))
-    )
+    peer: Any = kiss_matcher  # a compiled module without type information
+    matcher = peer.KISSMatcher(peer.KISSMatcherConfig(working_spacing(a.voxel_size, b.voxel_size)))
     start = time.perf_counter()
     solution = matcher.estimate(b.occupied_points(), a.occupied_points())
     seconds = time.perf_counter() - start

@@ -8,7 +8,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import uniform_filter
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from .._buckets import bucket_size, pad_rows
 from .._checks import InputError, check_positive
@@ -180,7 +180,7 @@ def _neighbor_table(points: np.ndarray, radius: float, size: int) -> tuple[np.nd
     distances = np.full((size, MAX_NEIGHBORS), np.inf, np.float32)
     if not len(points):
         return neighbors, distances, 0
-    found, rows = cKDTree(points).query(points, k=MAX_NEIGHBORS, distance_upper_bound=radius, workers=-1)
+    found, rows = KDTree(points).query(points, k=MAX_NEIGHBORS, distance_upper_bound=radius, workers=-1)
     neighbors[: len(points)] = np.where(np.isfinite(found), rows, 0)
     distances[: len(points)] = found
     return neighbors, distances, int(np.count_nonzero(np.isfinite(found[:, -1])))
