@@ -8,7 +8,9 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
 
     successful = ""
     empty_map = "A map has no occupied voxel, so there is nothing to align."
-    too_few_corners = "Fewer than three corners were found in a map; use a finer voxel size or another source."
+    too_few_corners = (
+        "Fewer than three corners were found in a map; use a finer voxel size or another source."
+    )
     too_few_associations = "Fewer than three associations agree, which does not fix a pose."
     budget_exhausted = "The search stopped at its node budget; the best clique so far may not be the largest."
     degenerate = "The matches do not fix all six degrees of freedom of the pose."

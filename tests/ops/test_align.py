@@ -43,7 +43,9 @@ def align(box, poses, weights=None):
     weights = np.full(len(points), 1 / len(points), np.float32) if weights is None else weights
     origin = np.zeros(3, np.float32)
     return np.asarray(
-        align_poses(keys, dims, origin, np.float32(VOXEL), points, normals, points, weights, poses, num_steps=25)
+        align_poses(
+            keys, dims, origin, np.float32(VOXEL), points, normals, points, weights, poses, num_steps=25
+        )
     )
 
 

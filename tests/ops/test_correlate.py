@@ -1,6 +1,6 @@
 import numpy as np
-from oracles.evidence import shifted_score
 
+from oracles.evidence import shifted_score
 from voxjax.ops.correlate import coarse_spectra, correlation_peaks
 from voxjax.ops.evidence import evidence_codes
 from voxjax.ops.nearest import nearest_field
@@ -51,7 +51,9 @@ def test_a_shifted_map_is_found_at_its_shift():
 
     origin_a, origin_b = np.asarray([1, 2, 3], np.float32), np.asarray([-1.5, 4, 0.5], np.float32)
     low_a, low_b = origin_a - np.float32(0.5), origin_b - np.float32(1.0)
-    top, shift = correlation_peaks(*spectra(origin_a, low_a), *spectra(origin_b, low_b), cells=CELLS, num_peaks=3)
+    top, shift = correlation_peaks(
+        *spectra(origin_a, low_a), *spectra(origin_b, low_b), cells=CELLS, num_peaks=3
+    )
     translation = low_a - low_b + np.asarray(shift)[0] * np.float32(0.5)
     np.testing.assert_allclose(translation, origin_a - origin_b, atol=1e-5)
     assert abs(float(top[0]) - 2.0) < 1e-4

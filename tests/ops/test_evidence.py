@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
-from oracles.evidence import evidence_of_point
 
+from oracles.evidence import evidence_of_point
 from voxjax.ops.evidence import evidence_codes, score_poses, surface_evidence
 from voxjax.ops.nearest import nearest_field
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from oracles.evidence import nearest_brute_force
 
 import voxjax as vx
+from oracles.evidence import nearest_brute_force
 from voxjax.ops.nearest import NOTHING_NEAR, ball_offsets, nearest_field, split_keys
 
 

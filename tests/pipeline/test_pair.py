@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from small_worlds import FURNITURE, OTHER_FURNITURE, OTHER_ROOMS, draw_map, pose
 
 import voxjax as vx
+from small_worlds import FURNITURE, OTHER_FURNITURE, OTHER_ROOMS, draw_map, pose
 from voxjax.metrics import pose_error
 from voxjax.pipeline.config import Config
 from voxjax.pipeline.pair import prepare, register_prepared, working_voxel_size

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from small_worlds import OTHER_FURNITURE, OTHER_ROOMS, draw_map, pose
 
+from small_worlds import OTHER_FURNITURE, OTHER_ROOMS, draw_map, pose
 from voxjax.metrics import pose_error
 from voxjax.registration.corner_hypotheses import corner_frames, frame_poses, subgraph_poses
 from voxjax.registration.exhaustive import exhaustive_hypotheses, upright_frame

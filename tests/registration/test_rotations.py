@@ -65,7 +65,9 @@ def test_signed_normals_single_out_the_rotation():
 
 def test_no_directions_give_no_rotations():
     normals = np.zeros((512, 3), np.float32)
-    rotations, agreement = rotation_hypotheses(normals, normals, np.zeros((0, 3)), np.zeros((0, 3)), is_signed=False)
+    rotations, agreement = rotation_hypotheses(
+        normals, normals, np.zeros((0, 3)), np.zeros((0, 3)), is_signed=False
+    )
     assert rotations.shape == (0, 3, 3)
     assert agreement.shape == (0,)
 
