@@ -25,12 +25,11 @@ def count_at(occupied, place, size):
 
 
 def moves(shift):
-    """One sense of each of the 13 lattice directions, about `shift` voxels long."""
+    """One sense of each of the 13 lattice directions, `shift` voxels along each of its axes."""
     found = []
     for direction in itertools.product((-1, 0, 1), repeat=3):
         if direction > (0, 0, 0):
-            length = max(1, round(shift / sum(abs(d) for d in direction) ** 0.5))
-            found.append(tuple(d * length for d in direction))
+            found.append(tuple(d * shift for d in direction))
     return found
 
 

@@ -14,20 +14,21 @@ EMPTY, FLAT, EDGE, CORNER = 0, 1, 2, 3
 
 
 def classify_voxels(
-    occupied: Occupied, *, size: int = 7, shift: int = 3, min_change: int = 20
+    occupied: Occupied, *, size: int = 7, shift: int = 4, min_change: int = 20
 ) -> UInt8[Array, "x y z"]:
     """Classify each voxel as not occupied, flat, edge or corner (section III).
 
     The paper calls a voxel an initial feature point "if the number of occupied cubes in the window changes
     significantly when moving the window in any direction". Here the directions are the 13 of the voxel
-    lattice (both senses of each), the moves some `shift` voxels long, and a change is significant from
+    lattice (both senses of each), the moves `shift` voxels along each axis, and a change is significant from
     `min_change` per cent of the count. On a plane several directions leave the count as it is, along an edge
     one does, at a corner none.
 
     Args:
         occupied: True (or not 0) where a voxel is occupied.
         size: Window edge [voxel]; odd.
-        shift: Length of the moves [voxel].
+        shift: Voxels moved along each axis of a direction; the default takes the window off a face that it was
+            centred on.
         min_change: Significant change [per cent of the count], 1 to 100.
 
     Returns:

@@ -34,7 +34,7 @@ class _Shares(NamedTuple):
 
 def observe_corners(
     grid: VoxelGrid, position: Float[np.ndarray, "m 3"], normals: Float[np.ndarray, "m 3 3"], *,
-    min_seen: float = 0.4, max_beyond: float = 0.35, reach: float = 5.5,
+    min_seen: float = 0.4, max_beyond: float = 0.35, reach: float = 4.5,
 ) -> FoundCorners:  # fmt: skip
     """Look at the map around points where three planes meet, and tell which kinds of corner are there.
 

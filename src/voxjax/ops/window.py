@@ -100,17 +100,9 @@ def _summed_area(is_occupied: Array, size: int) -> Array:
 
 
 def shift_directions(shift: int) -> np.ndarray:
-    """The 13 directions of a voxel lattice as whole-voxel moves of nearly equal length, int32 (13, 3).
-
-    Moves along an axis are `shift` voxels long; those along two or three axes are shortened (at least 1 voxel
-    an axis).
-    """
-    moves = []
-    for direction in product((-1, 0, 1), repeat=3):
-        if direction > (0, 0, 0):
-            num_axes = sum(map(abs, direction))
-            moves.append([d * max(1, round(shift / num_axes**0.5)) for d in direction])
-    return np.asarray(moves, np.int32)
+    """The 13 directions of a voxel lattice as moves by `shift` voxels along one, two or three axes, int32 (13, 3)."""
+    directions = [d for d in product((-1, 0, 1), repeat=3) if d > (0, 0, 0)]
+    return shift * np.asarray(directions, np.int32)
 
 
 def _changes(occupied: Array, size: int, shift: int) -> tuple[jax.Array, list[jax.Array]]:
@@ -131,7 +123,7 @@ def _changes(occupied: Array, size: int, shift: int) -> tuple[jax.Array, list[ja
 
 
 @partial(jax.jit, static_argnames=("size", "shift"))
-def count_change(occupied: Occupied, *, size: int = 7, shift: int = 3) -> UInt8[Array, "x y z 13"]:
+def count_change(occupied: Occupied, *, size: int = 7, shift: int = 4) -> UInt8[Array, "x y z 13"]:
     """Change of the occupied count when the window moves, per direction (section III).
 
     The change along a direction is the larger of |count(p + m) - count(p)| and |count(p - m) - count(p)|, as
@@ -140,7 +132,8 @@ def count_change(occupied: Occupied, *, size: int = 7, shift: int = 3) -> UInt8[
     Args:
         occupied: True (or not 0) where a voxel is occupied.
         size: Window edge [voxel].
-        shift: Length of a move [voxel], at least 1; with size // 2 a thin wall stays inside the moved window.
+        shift: Voxels moved along each axis of a direction, at least 1; size // 2 + 1 takes the window off a face that
+            it was centred on.
 
     Returns:
         uint8 percentages, at most 255, for the 13 directions in the order of `shift_directions`; 0 where the
@@ -155,7 +148,7 @@ def count_change(occupied: Occupied, *, size: int = 7, shift: int = 3) -> UInt8[
 
 @partial(jax.jit, static_argnames=("size", "shift"))
 def count_steady_directions(
-    occupied: Occupied, min_change: Array, *, size: int = 7, shift: int = 3
+    occupied: Occupied, min_change: Array, *, size: int = 7, shift: int = 4
 ) -> UInt8[Array, "x y z"]:
     """Number of the 13 directions along which the count does not change significantly (section III).
 
@@ -163,7 +156,7 @@ def count_steady_directions(
         occupied: True (or not 0) where a voxel is occupied.
         min_change: int32 scalar: percentage from which a change (see `count_change`) is significant.
         size: Window edge [voxel].
-        shift: Length of a move [voxel].
+        shift: Voxels moved along each axis of a direction.
 
     Returns:
         uint8 in [0, 13].

@@ -176,6 +176,21 @@ def merge_segments(
     return keep_large(merged, 1)
 
 
+def drop_narrow(
+    surface: Surface, labels: Int32[np.ndarray, "n"], *, min_width: float
+) -> Int32[np.ndarray, "n"]:
+    """Take the label from segments narrower than `min_width` [voxel]: rounded edges, door frames, cables.
+
+    The width is that of a rectangle with the same second moment across the segment.
+    """
+    num = int(labels.max(initial=-1)) + 1
+    if num == 0:
+        return labels
+    covariance = plane_of_segments(surface.index.astype(np.float64), surface.normal, labels, num).covariance
+    is_wide = np.sqrt(12.0 * np.maximum(np.linalg.eigvalsh(covariance)[:, 1], 0.0)) >= min_width
+    return keep_large(np.where((labels >= 0) & is_wide[labels], labels, -1).astype(np.int32), 1)
+
+
 def near_segments(
     points: Float[np.ndarray, "n 3"], labels: Int32[np.ndarray, "n"], num: int, gap: float
 ) -> tuple[np.ndarray, np.ndarray]:

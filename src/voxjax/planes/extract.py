@@ -5,7 +5,7 @@ import numpy as np
 from jaxtyping import Float32, Int32
 
 from ..grid import VoxelGrid
-from .consolidate import extend_segments, merge_segments, split_segments
+from .consolidate import drop_narrow, extend_segments, merge_segments, split_segments
 from .fit import Planes, fit_planes
 from .grow import keep_large, segment_planes
 from .surface import Surface, find_surface
@@ -30,9 +30,9 @@ class PlaneMap(eqx.Module):
 
 
 def extract_planes(
-    grid: VoxelGrid, *, max_angle: float = 15.0, max_curvature: float = 0.08, tolerance: float = 1.2,
-    max_rms: float = 0.7, merge_angle: float = 6.0, gap: float = 10.0, min_voxels: int = 30, max_planes: int =
-        512,
+    grid: VoxelGrid, *, size: int = 5, max_angle: float = 15.0, max_curvature: float = 0.12,
+    tolerance: float = 1.0, max_rms: float = 0.7, merge_angle: float = 6.0, gap: float = 10.0,
+    min_voxels: int = 15, min_width: float = 3.5, max_planes: int = 512,
 ) -> PlaneMap:  # fmt: skip
     """Find the planes of a map: grow, split, merge and extend, fit.
 
@@ -42,6 +42,8 @@ def extract_planes(
 
     Args:
         grid: The map.
+        size: Diameter of the window for normals [voxel]; smaller than the paper's, so that the faces of furniture
+            a few voxels wide keep normals of their own.
         max_angle: Smoothness threshold of the growth [degree].
         max_curvature: Curvature threshold of the growth; a second pass with twice the value takes up thick
             walls.
@@ -50,21 +52,26 @@ def extract_planes(
         merge_angle: Largest angle between planes that are merged [degree].
         gap: Pieces of one plane farther apart than about this stay apart [voxel].
         min_voxels: Smallest plane.
+        min_width: Narrower segments [voxel] are no faces but the rounded edges between two.
         max_planes: At most so many planes, the largest.
 
     Returns:
         `PlaneMap`; without any plane where the map has none.
     """
-    surface = find_surface(grid)
+    surface = find_surface(grid, size=size)
     labels = _cores(surface, max_angle, max_curvature, tolerance, max_rms)
     for _ in range(3):
         labels = merge_segments(surface, labels, max_rms=max_rms + 0.1, max_angle=merge_angle, gap=gap)
         labels = extend_segments(surface, labels, distance=tolerance)
+    # Last, when faces reach to their edges: the elements of a rounded edge then go to the faces beside it.
+    labels = drop_narrow(surface, labels, min_width=min_width)
+    labels = extend_segments(surface, labels, distance=tolerance)
     labels = _largest_first(keep_large(labels, min_voxels), max_planes)
-    size = grid.voxel_size
     points = grid.world_from_index(surface.index)
-    planes = fit_planes(points, labels, normals=surface.normal, huber_scale=0.7 * size)
-    return PlaneMap(planes=planes, points=points, normals=surface.normal, labels=labels, voxel_size=size)
+    planes = fit_planes(points, labels, normals=surface.normal, huber_scale=0.7 * grid.voxel_size)
+    return PlaneMap(
+        planes=planes, points=points, normals=surface.normal, labels=labels, voxel_size=grid.voxel_size
+    )
 
 
 def _cores(
