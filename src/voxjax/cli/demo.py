@@ -6,12 +6,11 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from .._checks import InputError
-from ..grid import VoxelGrid
+from ..metrics import PoseError, pose_error
 from ..pipeline.many import merge
 from ..pipeline.report import merge_report
 from ..synthetic import Team, simulate_team
@@ -22,18 +21,7 @@ from .runtime import Progress, use_compilation_cache
 
 MAX_DEGREES = 3.0
 MAX_METRES = 0.4
-
-
-class PoseError(NamedTuple):
-    """How far a pose is from the truth: angle [deg], and distance at the middle of the map [m]."""
-
-    degrees: float
-    metres: float
-
-    @property
-    def is_right(self) -> bool:
-        """Whether the pose is as good as the maps, whose positions drift by centimetres, allow."""
-        return self.degrees <= MAX_DEGREES and self.metres <= MAX_METRES
+"""A pose within these is right: the generated maps drift by centimetres."""
 
 
 def run(args: argparse.Namespace) -> int:
@@ -69,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     if merged.status != "merged":
         print(f"voxjax: not all maps were merged: {merged.reason}", file=sys.stderr)
         return 3
-    if not all(error is not None and error.is_right for error in errors):
+    if any(e is None or e.degrees > MAX_DEGREES or e.metres > MAX_METRES for e in errors):
         print(f"voxjax: a pose is off by more than {MAX_DEGREES} deg or {MAX_METRES} m.", file=sys.stderr)
         return 1
     return 0
@@ -84,18 +72,9 @@ def pose_errors(team: Team, poses: Sequence[np.ndarray | None]) -> list[PoseErro
             errors.append(None)
         else:
             found = np.linalg.inv(np.asarray(first, np.float64)) @ np.asarray(other, np.float64)
-            errors.append(pose_error(found, truth, team.grids[number]))
+            centre = team.grids[number].occupied_points().mean(axis=0, dtype=np.float64)
+            errors.append(pose_error(found, truth, centre))
     return errors
-
-
-def pose_error(found: np.ndarray, truth: np.ndarray, grid: VoxelGrid) -> PoseError:
-    """How far the pose (4, 4) of a map is from its true one."""
-    cosine = (np.trace(found[:3, :3].T @ truth[:3, :3]) - 1.0) / 2.0
-    centre = np.append(grid.occupied_points().mean(axis=0, dtype=np.float64), 1.0)
-    return PoseError(
-        degrees=float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))),
-        metres=float(np.linalg.norm((found - truth) @ centre)),
-    )
 
 
 def _folder(name: str) -> Path:

@@ -13,6 +13,7 @@ import numpy as np
 from .._checks import InputError
 from ..fusion.fuse import fuse
 from ..grid import VoxelGrid
+from ..metrics import pose_error
 from ..registration.types import Registration
 from .config import Config, config_from
 from .pair import prepare, register, register_prepared, working_voxel_size
@@ -205,12 +206,8 @@ def loop_errors(
         chained = _inverse(pose_a.astype(np.float64)) @ pose_b.astype(np.float64)
         direct = np.asarray(registration.T_a_b, np.float64)
         low, high = grids[b].extent
-        centre = np.append((low.astype(np.float64) + high) / 2.0, 1.0)
-        cosine = (np.trace(chained[:3, :3].T @ direct[:3, :3]) - 1.0) / 2.0
-        errors.append(LoopError(
-            a=a, b=b, metres=float(np.linalg.norm((chained - direct) @ centre)),
-            radians=float(np.arccos(np.clip(cosine, -1.0, 1.0))),
-        ))  # fmt: skip
+        error = pose_error(chained, direct, (low.astype(np.float64) + high) / 2.0)
+        errors.append(LoopError(a=a, b=b, metres=error.metres, radians=float(np.radians(error.degrees))))
     return errors
 
 
