@@ -15,7 +15,7 @@ from .surface import Surface
 
 def split_segments(
     surface: Surface, labels: Int32[np.ndarray, "n"], *, max_rms: float, distance: float, max_angle: float,
-    min_elements: int, num_rounds: int = 4,
+    min_elements: int, num_rounds: int = 10,
 ) -> Int32[np.ndarray, "n"]:  # fmt: skip
     """Peel one plane off each segment that is not flat, and regrow the rest, `num_rounds` times.
 

@@ -77,19 +77,28 @@ def extract_planes(
 def _cores(
     surface: Surface, max_angle: float, max_curvature: float, tolerance: float, max_rms: float
 ) -> np.ndarray:
-    """Flat segments to start from: of low curvature, then of what is left with twice the bounds."""
-    split = {"max_rms": max_rms, "distance": tolerance, "max_angle": 20.0, "min_elements": 12}
-    labels = segment_planes(surface, max_angle=max_angle, max_curvature=max_curvature, min_elements=12)
-    labels = extend_segments(surface, split_segments(surface, labels, **split), distance=tolerance)
-    is_left = labels < 0
-    i, j = surface.pairs.T
-    rest = eqx.tree_at(
-        lambda s: (s.pairs, s.curvature), surface,
-        (surface.pairs[is_left[i] & is_left[j]], np.where(is_left, surface.curvature, np.float32(1.0))),
-    )  # fmt: skip
-    more = segment_planes(rest, max_angle=1.5 * max_angle, max_curvature=2.0 * max_curvature, min_elements=40)
-    more = split_segments(surface, more, **{**split, "min_elements": 40})
-    return np.where(is_left & (more >= 0), more + labels.max(initial=-1) + 1, labels).astype(np.int32)
+    """Flat segments to start from, in three passes: half the bounds, the bounds, and twice the curvature.
+
+    Strict bounds first keep large faces from leaking into each other around noisy edges; each later pass takes up
+    what is left: small faces, then thick walls.
+    """
+    labels = np.full(len(surface.index), -1, np.int32)
+    for angle, curvature, smallest in ((0.7, 0.5, 30), (1.0, 1.0, 12), (1.5, 2.0, 40)):
+        is_left = labels < 0
+        i, j = surface.pairs.T
+        rest = eqx.tree_at(
+            lambda s: (s.pairs, s.curvature), surface,
+            (surface.pairs[is_left[i] & is_left[j]], np.where(is_left, surface.curvature, np.float32(np.inf))),
+        )  # fmt: skip
+        more = segment_planes(
+            rest, max_angle=angle * max_angle, max_curvature=curvature * max_curvature, min_elements=smallest
+        )
+        more = split_segments(
+            surface, more, max_rms=max_rms, distance=tolerance, max_angle=20.0, min_elements=smallest
+        )
+        labels = np.where(is_left & (more >= 0), more + labels.max(initial=-1) + 1, labels).astype(np.int32)
+        labels = extend_segments(surface, labels, distance=tolerance)
+    return labels
 
 
 def _largest_first(labels: np.ndarray, max_planes: int) -> np.ndarray:
