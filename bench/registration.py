@@ -13,7 +13,7 @@ import platform
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import numpy as np
@@ -52,7 +52,7 @@ def cases_in(folder: Path, kinds: list[str], names: list[str]) -> list[dict]:
 def _read(
     files: list[Path], voxel_size: float, truth: dict
 ) -> tuple[vx.VoxelGrid, vx.VoxelGrid, np.ndarray | None]:
-    a, b = (vx.read_map(f, **({"voxel_size": voxel_size} if f.suffix == ".ply" else {})) for f in files)
+    a, b = (vx.read_map(f, voxel_size=voxel_size if f.suffix == ".ply" else None) for f in files)
     T = truth.get("T_a_b")
     return a, b, None if T is None else np.asarray(T)
 
@@ -83,7 +83,7 @@ def generated_cases(count: int, seed: int) -> list[dict]:
     return cases
 
 
-def run_case(case: dict, preset: str) -> dict[str, Any]:
+def run_case(case: dict, preset: Literal["default", "paper"]) -> dict[str, Any]:
     """Register one pair and hold it against the truth."""
     a, b, truth = case["load"]()
     start = time.perf_counter()

@@ -36,7 +36,8 @@ def pair_case(seed: int) -> PairCase:
 
     def make() -> tuple[VoxelGrid, VoxelGrid, np.ndarray | None]:
         if kind == "none":
-            return (*different_buildings(seed, **options).grids, None)
+            a, b = different_buildings(seed, **options).grids
+            return a, b, None
         if kind == "hotel":
             return _with_truth(simulate_hotel(seed, frame=frame, overlap=overlap))
         return _with_truth(simulate_team(seed, overlap=overlap, **options))

@@ -25,7 +25,7 @@ def furnished_room(free=True, seed=0):
 
 @pytest.fixture(scope="module")
 def room():
-    return VoxelGrid(furnished_room(), np.float32([3, -2, 1]), 0.1)
+    return VoxelGrid(furnished_room(), np.asarray([3, -2, 1], np.float32), 0.1)
 
 
 def test_points_are_means_of_occupied_voxels_on_the_working_lattice(room):
@@ -71,9 +71,9 @@ def test_padding_compiles_nothing_for_a_map_of_like_size(room):
     from voxjax.ops.descriptor import point_feature_histograms
 
     describe_map(room)
-    before = point_feature_histograms._cache_size()
+    before = point_feature_histograms._cache_size()  # pyright: ignore[reportAttributeAccessIssue]
     describe_map(VoxelGrid(furnished_room()[::-1].copy(), np.zeros(3, np.float32), 0.1))
-    assert point_feature_histograms._cache_size() == before
+    assert point_feature_histograms._cache_size() == before  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def test_truncated_neighbour_lists_are_counted():

@@ -43,7 +43,7 @@ def test_chunks_do_not_change_the_histograms(chunk):
 def test_rigid_motions_leave_histograms_as_they_are():
     points, normals = bumpy_patch(3)
     R = rotation(4)
-    moved = describe(points @ R.T + np.float32([1, -2, 3]), normals @ R.T)
+    moved = describe(points @ R.T + np.asarray([1, -2, 3], np.float32), normals @ R.T)
     difference = np.abs(moved - describe(points, normals)).max(axis=1)
     assert np.mean(difference < 1e-3) > 0.9  # the rest has a pair on the border of two bins
     assert difference.max() < 0.2

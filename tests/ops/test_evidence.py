@@ -32,7 +32,7 @@ def some_poses(rng):
     from scipy.spatial.transform import Rotation
 
     poses = np.tile(np.eye(4, dtype=np.float32), (5, 1, 1))
-    poses[1:, :3, :3] = Rotation.random(4, random_state=3).as_matrix()
+    poses[1:, :3, :3] = Rotation.random(4, rng=np.random.default_rng(3)).as_matrix()
     poses[1:, :3, 3] = rng.normal(0, 0.3, (4, 3)) + ORIGIN
     return poses
 

@@ -41,9 +41,9 @@ def test_no_voxels_give_an_empty_field():
 def test_new_dims_compile_nothing():
     index = np.asarray([[1, 1, 1]], np.int32)
     field_of(index, (4, 5, 6), 2, flat_size=256)
-    before = nearest_field._cache_size()  # pyright: ignore[reportFunctionMemberAccess]
+    before = nearest_field._cache_size()  # pyright: ignore[reportAttributeAccessIssue]
     field_of(index, (6, 4, 5), 2, flat_size=256)
-    assert nearest_field._cache_size() == before  # pyright: ignore[reportFunctionMemberAccess]
+    assert nearest_field._cache_size() == before  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def test_radius_outside_the_key_is_refused():

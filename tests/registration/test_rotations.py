@@ -35,7 +35,7 @@ def test_directions_are_the_axes_of_the_surface():
 
 
 def test_two_axes_systems_match_in_24_rotations():
-    R = Rotation.random(random_state=4).as_matrix()
+    R = Rotation.random(rng=np.random.default_rng(4)).as_matrix()
     rotations = pair_rotations(AXES, AXES @ R)
     kept = distinct_rotations(rotations, np.zeros(len(rotations)), angle=4.0, max_count=100)
     assert len(kept) == 24
@@ -50,7 +50,7 @@ def test_directions_at_other_angles_do_not_match():
 def test_signed_normals_single_out_the_rotation():
     axes = np.concatenate([AXES, -AXES])
     counts = [100, 300, 200, 250, 150, 120]
-    R = Rotation.random(random_state=7).as_matrix()
+    R = Rotation.random(rng=np.random.default_rng(7)).as_matrix()
     a = noisy_normals(axes, counts, 2.0, 1)
     b = noisy_normals(axes @ R, counts, 2.0, 2)
     seen = [sample_normals(n, np.ones(len(n))) for n in (a, b)]

@@ -63,7 +63,7 @@ def nearest_field(
     row = jnp.arange(index.shape[0], dtype=jnp.uint32)
     strides = jnp.stack([dims[1] * dims[2], dims[2], jnp.ones_like(dims[2])])
 
-    def spread(field: Array, offset: Array) -> tuple[Array, None]:
+    def spread(field: jax.Array, offset: jax.Array) -> tuple[jax.Array, None]:
         target = index + offset[None, :]
         is_inside = mask & jnp.all((target >= 0) & (target < dims[None, :]), axis=1)
         flat = jnp.where(is_inside, jnp.sum(target * strides[None, :], axis=1, dtype=jnp.int32), flat_size)

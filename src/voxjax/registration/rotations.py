@@ -53,7 +53,7 @@ def dominant_directions(
             break
         direction = seeds[best].astype(np.float64)
         for _ in range(5):
-            angle = np.degrees(np.arccos(np.clip(np.abs(normals @ direction), 0.0, 1.0)))
+            angle = np.degrees(np.arccos(np.minimum(np.abs(normals @ direction), 1.0)))
             w = weights * np.exp(-0.5 * (angle / 4.0) ** 2) * is_free
             scatter = (normals * w[:, None]).T.astype(np.float64) @ normals
             direction = np.linalg.eigh(scatter)[1][:, -1]
@@ -125,7 +125,7 @@ def sharpen_rotations(
         sign = jnp.ones_like(cosine) if is_signed else jnp.where(cosine < 0, -1.0, 1.0).astype(jnp.float32)
         return jnp.exp(KERNEL * (cosine * sign - 1.0)), sign
 
-    def climb(rotation: Array, _: None) -> tuple[Array, None]:
+    def climb(rotation: Array, _: object) -> tuple[Array, None]:
         weight, sign = kernel(rotation)
         u, _, vt = jnp.linalg.svd(normals_a.T @ (weight * sign) @ normals_b + 1e-6 * rotation)
         det = jnp.linalg.det(u @ vt)
