@@ -18,3 +18,8 @@ def pad_rows(rows: np.ndarray, size: int, fill: float | int = 0) -> np.ndarray:
     padded = np.full((size, *rows.shape[1:]), fill, dtype=rows.dtype)
     padded[: len(rows)] = rows
     return padded
+
+
+def flat_block(states: np.ndarray, smallest: int = 1 << 20) -> np.ndarray:
+    """Cells of a block in C order, padded with zeros to a rung: kernels take the shape as a traced array."""
+    return pad_rows(np.ascontiguousarray(states).reshape(-1), bucket_size(states.size, smallest))

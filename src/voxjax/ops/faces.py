@@ -11,8 +11,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float32, Int32, UInt8
 
+from .._buckets import flat_block
 from .._types import FREE, OCCUPIED, Array
 
 OCTANT_SIGNS = np.asarray([[1 - 2 * ((o >> i) & 1) for i in range(3)] for o in range(8)], np.int32)
@@ -45,7 +46,6 @@ def edge_directions(normals: Float32[Array, "*m 3 3"]) -> Float32[Array, "*m 3 3
     return side * crosses / jnp.maximum(jnp.linalg.norm(crosses, axis=-1, keepdims=True), 1e-9)
 
 
-@partial(jax.jit, static_argnames=("first", "last"))
 def corner_faces(
     states: UInt8[Array, "x y z"],
     position: Float32[Array, "m 3"],
@@ -69,10 +69,18 @@ def corner_faces(
     Returns:
         `CornerFaces`.
     """
+    flat = flat_block(states) if isinstance(states, np.ndarray) else states.reshape(-1)
+    return _flat_faces(flat, np.asarray(states.shape, np.int32), position, normals, first=first, last=last)
+
+
+@partial(jax.jit, static_argnames=("first", "last"))
+def _flat_faces(
+    flat: UInt8[Array, "flat"], shape: Int32[Array, "3"], position: Float32[Array, "m 3"],
+    normals: Float32[Array, "m 3 3"], *, first: float, last: float,
+) -> CornerFaces:  # fmt: skip
+    """`corner_faces` on a flat block, so that maps of other shapes compile nothing."""
     margin = int(np.ceil(3 * last)) + 4
-    shape = jnp.asarray(states.shape, jnp.int32)
-    strides = jnp.asarray([states.shape[1] * states.shape[2], states.shape[2], 1], jnp.int32)
-    flat = states.reshape(-1)
+    strides = jnp.stack([shape[1] * shape[2], shape[2], jnp.ones_like(shape[2])])
     steps = jnp.arange(first, last + 0.5, 1.0, dtype=jnp.float32)
     signs = jnp.asarray(OCTANT_SIGNS, jnp.float32)
 

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float32, Int32, UInt8
 
+from .._buckets import flat_block
 from .._checks import check_odd_window
 from .._types import FREE, OCCUPIED, Array
 from .eigen import symmetric_eigen
@@ -46,14 +47,14 @@ def ball_offsets(size: int) -> np.ndarray:
     return offsets[(offsets**2).sum(axis=1) <= (size / 2) ** 2].astype(np.int32)
 
 
-@partial(jax.jit, static_argnames=("size", "reach"))
 def surface_moments(
     states: UInt8[Array, "x y z"], index: Int32[Array, "n 3"], *, size: int = 7, reach: int = 3
 ) -> SurfaceMoments:
     """Normal, curvature and free sides of the surface at listed voxels (section III, reference 12).
 
-    The normal is the eigenvector of the smallest eigenvalue of the covariance of the occupied voxels in a
-    ball of diameter `size`, and points toward the mean offset of the free voxels in it.
+    The normal is the eigenvector of the smallest eigenvalue of the covariance of the occupied voxels in a ball of
+    diameter `size`, and points toward the mean offset of the free voxels in it. Host arrays are padded to a rung of
+    the ladder of sizes, so that maps of other shapes compile nothing.
 
     Args:
         states: 0 unknown, 1 free, 2 occupied.
@@ -62,22 +63,36 @@ def surface_moments(
         reach: How many steps to look for free space along the normal [voxel].
 
     Returns:
-        `SurfaceMoments`, rows as in `index`. Fewer than three voxels, or voxels on a line, leave a normal
-        that is some unit vector; `curvature` is then 0 and `num_occupied` small.
+        `SurfaceMoments`, rows as in `index`. Fewer than three voxels, or voxels on a line, leave a normal that is
+        some unit vector; `curvature` is then 0 and `num_occupied` small.
     """
-    half = max(check_odd_window("size", size) // 2, reach)
-    padded = jnp.pad(states, half)
-    _, width, depth = padded.shape
-    flat = padded.reshape(-1)
+    margin = max(check_odd_window("size", size) // 2, reach)
+    if isinstance(states, np.ndarray):
+        padded = np.pad(states, margin)
+        flat = flat_block(padded)
+    else:
+        padded = jnp.pad(states, margin)
+        flat = padded.reshape(-1)
+    return _flat_moments(
+        flat, np.asarray(padded.shape, np.int32), index, size=size, reach=reach, margin=margin
+    )
+
+
+@partial(jax.jit, static_argnames=("size", "reach", "margin"))
+def _flat_moments(
+    flat: UInt8[Array, "flat"], dims: Int32[Array, "3"], index: Int32[Array, "n 3"],
+    *, size: int, reach: int, margin: int,
+) -> SurfaceMoments:  # fmt: skip
+    """`surface_moments` on a flat block that is `margin` voxels wider on each side than the grid of `index`."""
     offsets = ball_offsets(size)
-    steps = jnp.asarray(offsets @ np.asarray([width * depth, depth, 1]), jnp.int32)
+    strides = jnp.stack([dims[1] * dims[2], dims[2], jnp.ones_like(dims[2])])
+    steps = jnp.sum(jnp.asarray(offsets) * strides[None, :], axis=1, dtype=jnp.int32)
     pairs = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     columns = [np.ones(len(offsets)), *offsets.T, *(offsets[:, i] * offsets[:, j] for i, j in pairs)]
     basis = jnp.asarray(np.stack(columns, axis=1), jnp.float32)
-    strides = jnp.asarray([width * depth, depth, 1], jnp.int32)
 
     def one_chunk(rows: Array) -> SurfaceMoments:
-        base = jnp.sum((rows + half) * strides[None, :], axis=1, dtype=jnp.int32)
+        base = jnp.sum((rows + margin) * strides[None, :], axis=1, dtype=jnp.int32)
         window = flat[base[:, None] + steps[None, :]]
         # Sums of small whole numbers: exact in float32.
         sums = (window == OCCUPIED).astype(jnp.float32) @ basis

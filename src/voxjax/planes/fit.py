@@ -69,7 +69,7 @@ def fit_planes(
         `Planes` with a capacity of the next bucket, row i for label i.
     """
     num = int(labels.max(initial=-1)) + 1
-    capacity, length = bucket_size(num, 32), bucket_size(len(points), 1024)
+    capacity, length = bucket_size(num, 256), bucket_size(len(points), 16_384)
     middle = points.mean(axis=0, dtype=np.float64) if len(points) else np.zeros(3)
     local = pad_rows((points - middle).astype(np.float32), length)
     label = pad_rows(np.where(labels >= 0, labels, capacity).astype(np.int32), length, fill=capacity)

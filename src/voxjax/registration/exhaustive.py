@@ -3,6 +3,8 @@
 It needs no corner and no descriptor, and finds poses that neither does; it is as good as its rotations.
 """
 
+from typing import NamedTuple
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -20,6 +22,9 @@ SIZES = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024)
 
 FACTORS = (3, 4, 5, 6)
 """Coarse cells are so many voxels wide: the finest that keeps the block below `MAX_CELLS`."""
+
+MAX_GROWTH = 1.8
+"""A block may be so much larger than needed to share the shape of another."""
 
 MAX_CELLS = 2_000_000
 """A transform of such a block takes about 20 ms on one core and 16 MB."""
@@ -84,24 +89,23 @@ def exhaustive_hypotheses(
     points_a, points_b = _outermost(a), _outermost(b)
     factor, plans = _plan(points_a, points_b, rotations, frame, a.grid.voxel_size)
     cell = factor * a.grid.voxel_size
-    low_a = _box(points_a, frame, cell)[0]
     codes_a, codes_b = a.coarse_codes(factor), b.coarse_codes(factor)
-    by_shape: dict[tuple[int, int, int], list[int]] = {}
-    for i, (_, _, shape) in enumerate(plans):
-        by_shape.setdefault(shape, []).append(i)
+    groups: dict[tuple[tuple[int, int, int], tuple[int, int, int]], list[_Plan]] = {}
+    for plan in plans:
+        groups.setdefault((plan.cells, plan.axes), []).append(plan)
 
     poses, scores = [], []
-    for cells, members in sorted(by_shape.items()):
-        spectra_a = _spectra(a, codes_a, frame, low_a, cell, cells)
-        for i in members:
-            turned, low_b, _ = plans[i]
-            spectra_b = _spectra(b, codes_b, turned, low_b, cell, cells)
+    for (cells, _), members in sorted(groups.items()):
+        first = members[0]
+        spectra_a = _spectra(a, codes_a, first.block_a, first.low_a, cell, cells)
+        for plan in members:
+            spectra_b = _spectra(b, codes_b, plan.block_b, plan.low_b, cell, cells)
             top, shift = correlation_peaks(*spectra_a, *spectra_b, cells=cells, num_peaks=num_peaks)
-            # A cell x of b lies at low_b + x * cell, and meets the cell x + shift of a at low_a + (x + shift) * cell.
-            translation = low_a - low_b + np.asarray(shift, np.float64) * cell
+            # A cell x of b lies at low_b + x * cell, and meets cell x + shift of a at low_a + (x + shift) * cell.
+            translation = plan.low_a - plan.low_b + np.asarray(shift, np.float64) * cell
             T = np.tile(np.eye(4), (num_peaks, 1, 1))
-            T[:, :3, :3] = frame.T @ turned
-            T[:, :3, 3] = translation @ frame
+            T[:, :3, :3] = plan.block_a.T @ plan.block_b
+            T[:, :3, 3] = translation @ plan.block_a
             poses.append(T)
             scores.append(np.asarray(top, np.float64))
     if not poses:
@@ -111,10 +115,25 @@ def exhaustive_hypotheses(
     return all_poses[order].astype(np.float32), all_scores[order]
 
 
+class _Plan(NamedTuple):
+    """Where both maps go in the coarse block for one rotation; `axes` orders the block's axes, longest first."""
+
+    cells: tuple[int, int, int]
+    axes: tuple[int, int, int]
+    block_a: np.ndarray
+    block_b: np.ndarray
+    low_a: np.ndarray
+    low_b: np.ndarray
+
+
 def _plan(
     points_a: np.ndarray, points_b: np.ndarray, rotations: np.ndarray, frame: np.ndarray, voxel_size: float
-) -> tuple[int, list[tuple[np.ndarray, np.ndarray, tuple[int, int, int]]]]:
-    """Width of a coarse cell [voxel], and for each rotation: b into the block, its corner, and the block's size."""
+) -> tuple[int, list[_Plan]]:
+    """Width of a coarse cell [voxel], and the plan of each rotation.
+
+    The longest axis comes first, so that turned blocks have the same shape and compile once; a permutation may be a
+    reflection, which is as good, because both maps undergo it.
+    """
     factor, plans = FACTORS[-1], []
     for factor in FACTORS:
         cell = factor * voxel_size
@@ -123,11 +142,27 @@ def _plan(
         for rotation in rotations.astype(np.float64):
             turned = frame @ rotation
             low_b, high_b = _box(points_b, turned, cell)
-            x, y, z = (_rung(n) for n in ((high_a - low_a) + (high_b - low_b)) / cell)
-            plans.append((turned, low_b, (x, y, z)))
-        if all(x * y * z <= MAX_CELLS for _, _, (x, y, z) in plans):
+            sizes = np.asarray([_rung(n) for n in ((high_a - low_a) + (high_b - low_b)) / cell])
+            order = np.argsort(-sizes, kind="stable")
+            x, y, z = (int(n) for n in sizes[order])
+            i, j, k = (int(n) for n in order)
+            plans.append(_Plan((x, y, z), (i, j, k), frame[order], turned[order], low_a[order], low_b[order]))
+        if all(np.prod(plan.cells) <= MAX_CELLS for plan in plans):
             break
-    return factor, plans
+    shared = _share_shapes({plan.cells for plan in plans})
+    return factor, [plan._replace(cells=shared[plan.cells]) for plan in plans]
+
+
+def _share_shapes(shapes: set[tuple[int, int, int]]) -> dict[tuple[int, int, int], tuple[int, int, int]]:
+    """For each shape one that holds it and is not much larger; few different ones, because each is compiled."""
+    shared: dict[tuple[int, int, int], tuple[int, int, int]] = {}
+    for shape in sorted(shapes, key=lambda n: (-np.prod(n), n)):
+        fits = [
+            other for other in set(shared.values())
+            if all(m <= n for m, n in zip(shape, other, strict=True)) and np.prod(other) <= MAX_GROWTH * np.prod(shape)
+        ]  # fmt: skip
+        shared[shape] = min(fits, key=lambda n: (np.prod(n), n), default=shape)
+    return shared
 
 
 def _spectra(

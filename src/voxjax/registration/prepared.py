@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32, Int32, UInt8, UInt32
 
-from .._buckets import bucket_size, pad_rows
-from .._types import UNKNOWN, Array
+from .._buckets import bucket_size, flat_block, pad_rows
+from .._types import Array
 from ..grid import VoxelGrid
 from ..ops.evidence import evidence_codes
 from ..ops.moments import surface_moments
@@ -17,6 +17,9 @@ FIELD_RADIUS = 5
 
 HIT_SQ, CLEAR_SQ = 2, 4
 """A hit lies within 1.5 voxels of something occupied, clear space two voxels or more away (DESIGN trials)."""
+
+SMALLEST_LIST = 16_384
+"""Lists of voxels are padded to this at least: few rungs, so few shapes to compile."""
 
 MIN_NEIGHBOURS = 10
 """Fewer occupied voxels in the window than this (a line has 7) do not define a normal."""
@@ -88,16 +91,14 @@ def prepare_map(grid: VoxelGrid) -> PreparedMap:
     states = np.asarray(grid.states)
     index = grid.occupied_index()
     count = len(index)
-    size = bucket_size(count, 1024)
+    size = bucket_size(count, SMALLEST_LIST)
     padded = pad_rows(index, size)
     mask = np.arange(size) < count
-    flat_size = bucket_size(states.size, 4096)
     dims = jnp.asarray(states.shape, jnp.int32)
-    flat = np.full(flat_size, UNKNOWN, np.uint8)
-    flat[: states.size] = states.reshape(-1)
+    flat = flat_block(states)
 
-    keys = nearest_field(padded, mask, dims, flat_size=flat_size, radius=FIELD_RADIUS)
-    moments = surface_moments(states, padded)
+    keys = nearest_field(padded, mask, dims, flat_size=len(flat), radius=FIELD_RADIUS)
+    moments = surface_moments(states, padded, size=7, reach=3)
     normals = np.asarray(moments.normal)[:count]
     planarity = _planarity(np.asarray(moments.curvature)[:count], np.asarray(moments.num_occupied)[:count])
     return PreparedMap(
