@@ -159,7 +159,7 @@ def merge_segments(
     small, large = small[bigger], large[bigger]
     n = planes.normal[large]
     offset = np.einsum("ij,ij->i", planes.centroid[small] - planes.centroid[large], n)
-    rms = np.sqrt(np.einsum("ij,ijk,ik->i", n, planes.covariance[small], n) + offset**2)
+    rms = np.sqrt(np.maximum(np.einsum("ij,ijk,ik->i", n, planes.covariance[small], n), 0.0) + offset**2)
     cosine = np.einsum("ij,ij->i", planes.normal[small], n)
     # The normal of a small segment says little: its elements' distances say more.
     size_limit = np.where(planes.count[small] < 60, 2.0 * max_angle, max_angle)
