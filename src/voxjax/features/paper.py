@@ -32,8 +32,8 @@ class PaperStages(NamedTuple):
 
 
 def paper_corners(
-    grid: VoxelGrid, *, size: int = 7, min_change: int = 20, max_angle: float = 15.0,
-    max_curvature: float = 0.05, min_segment: int = 30, plane_distance_tolerance: float = 1.5,
+    grid: VoxelGrid, *, size: int = 7, min_change: int = 20, max_angle: float = 5.0,
+    max_curvature: float = 0.2, min_segment: int = 30, plane_distance_tolerance: float = 1.5,
     cluster_radius: float = 3.0,
 ) -> PaperStages:  # fmt: skip
     """Extract corners as section III does.
