@@ -6,9 +6,17 @@ from pathlib import Path
 import jax
 import pytest
 
+from voxjax._mappings import release_kernels_if_crowded
+
 jax.config.update("jax_num_cpu_devices", 2)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _room_for_kernels():
+    """One process compiles the kernels of many test modules."""
+    release_kernels_if_crowded()
 
 
 @pytest.fixture

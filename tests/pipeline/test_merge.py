@@ -140,9 +140,14 @@ def test_options_reach_every_pair_and_stages_are_named(monkeypatch, maps, preset
 def test_features_are_computed_once_a_map(monkeypatch, maps):
     FakeRegister(maps, WORLD).install(monkeypatch)
     prepared = []
-    monkeypatch.setattr(many, "prepare", lambda grid, *, voxel_size: prepared.append(voxel_size) or grid)
+
+    def prepare(grid, *, voxel_size, with_descriptors):
+        prepared.append((voxel_size, with_descriptors))
+        return grid
+
+    monkeypatch.setattr(many, "prepare", prepare)
     merge(maps)
-    assert prepared == [0.5] * len(maps)
+    assert prepared == [(0.5, True)] * len(maps)
 
 
 def test_a_map_with_nothing_occupied_is_left_out(monkeypatch, maps):

@@ -14,6 +14,7 @@ from .._checks import InputError
 from ..fusion.fuse import fuse
 from ..grid import VoxelGrid
 from ..metrics import pose_error
+from ..registration.map_features import share_sizes
 from ..registration.types import Registration
 from .config import Config, config_from
 from .pair import prepare, register, register_prepared, working_voxel_size
@@ -217,11 +218,14 @@ def _features_of_all(grids: Sequence[VoxelGrid], settings: Config, announce: OnS
     if not filled:
         return [None] * len(grids)
     voxel_size = working_voxel_size(filled, settings)
-    features = []
+    with_descriptors = settings.source.descriptors
+    found = []
     for number, grid in enumerate(grids):
-        announce(f"features of map {number}")
-        features.append(prepare(grid, voxel_size=voxel_size) if grid.num_occupied else None)
-    return features
+        if grid.num_occupied:
+            announce(f"features of map {number}")
+            found.append(prepare(grid, voxel_size=voxel_size, with_descriptors=with_descriptors))
+    shared = iter(share_sizes(found))
+    return [next(shared) if grid.num_occupied else None for grid in grids]
 
 
 def _silent(stage: str) -> None:

@@ -7,10 +7,11 @@ from typing import Any, Literal
 import numpy as np
 
 from .._checks import InputError, check_choice, check_pose
+from .._mappings import release_kernels_if_crowded
 from .._results import RESULTS
 from ..grid import VoxelGrid
 from ..registration.leaders import find_leaders, judge_poses
-from ..registration.map_features import MapFeatures, map_features
+from ..registration.map_features import MapFeatures, map_features, share_sizes
 from ..registration.paper import register_paper
 from ..registration.proposals import ProposalCollector
 from ..registration.refine import refine
@@ -66,6 +67,7 @@ def register(
     features_a = prepare(a, voxel_size=size, with_descriptors=settings.source.descriptors)
     announce("features of b")
     features_b = prepare(b, voxel_size=size, with_descriptors=settings.source.descriptors)
+    features_a, features_b = share_sizes([features_a, features_b])
     seconds["features"] = time.perf_counter() - start
     return register_prepared(
         features_a, features_b, config=settings, gravity_aligned=gravity_aligned, init_guess=init_guess,
@@ -99,6 +101,7 @@ def prepare(
     """
     if grid.num_occupied == 0:
         raise InputError("grid must have at least one occupied voxel, got none; leave the map out.")
+    release_kernels_if_crowded()
     same = abs(grid.voxel_size - voxel_size) < 1e-6 * voxel_size
     return map_features(
         grid if same else grid.with_voxel_size(voxel_size),
@@ -130,6 +133,7 @@ def register_prepared(
             f"{a.prepared.grid.voxel_size:g} and {b.prepared.grid.voxel_size:g}; prepare both at the coarser one."
         )
     seconds = dict(seconds or {})
+    release_kernels_if_crowded()
 
     # 1. Hypotheses from every source.
     announce("hypotheses")

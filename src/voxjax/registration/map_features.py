@@ -1,5 +1,7 @@
 """`MapFeatures`: what the hypotheses of a map's pairs are made from, computed once a map."""
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Float32
@@ -9,6 +11,7 @@ from ..features.types import Corners
 from ..grid import VoxelGrid
 from ..matching.descriptors import MapDescriptors, describe_map
 from ..planes.extract import PlaneMap, extract_planes
+from . import prepared as prepared_maps
 from .prepared import PreparedMap, prepare_map
 from .rotations import dominant_directions, sample_normals
 
@@ -59,6 +62,12 @@ def map_features(grid: VoxelGrid, *, max_virtual: int, with_descriptors: bool = 
         normals=sample_normals(normals, leverage if leverage.sum() > 0 else np.ones(count)),
         descriptors=describe(prepared, use_free_space=prepared.has_free_space) if with_descriptors else None,
     )
+
+
+def share_sizes(features: Sequence[MapFeatures]) -> list[MapFeatures]:
+    """The same features with arrays of one size (`prepared.share_sizes`)."""
+    padded = prepared_maps.share_sizes([f.prepared for f in features])
+    return [eqx.tree_at(lambda m: m.prepared, f, p) for f, p in zip(features, padded, strict=True)]
 
 
 def describe(prepared: PreparedMap, *, use_free_space: bool) -> MapDescriptors:

@@ -1,5 +1,7 @@
 """`PreparedMap`: everything about one map that registration needs, computed once and used for all its pairs."""
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -10,7 +12,7 @@ from .._types import Array
 from ..grid import VoxelGrid
 from ..ops.evidence import evidence_codes
 from ..ops.moments import surface_moments
-from ..ops.nearest import nearest_field
+from ..ops.nearest import NOTHING_NEAR, nearest_field
 
 FIELD_RADIUS = 5
 """Reach of the nearest-voxel field [voxel]: what refinement can pull in."""
@@ -114,6 +116,26 @@ def prepare_map(grid: VoxelGrid) -> PreparedMap:
         states=jnp.asarray(flat),
         dims=dims,
         centroid=jnp.asarray(grid.world_from_index(index).mean(axis=0, dtype=np.float64).astype(np.float32)),
+    )
+
+
+def share_sizes(maps: Sequence[PreparedMap]) -> list[PreparedMap]:
+    """The same maps, padded to the largest of them, so that all their pairs run the same compiled kernels."""
+    length = max(len(m.points) for m in maps)
+    volume = max(len(m.states) for m in maps)
+    return [
+        m if len(m.points) == length and len(m.states) == volume else _padded(m, length, volume) for m in maps
+    ]
+
+
+def _padded(prepared: PreparedMap, length: int, volume: int) -> PreparedMap:
+    lists = (prepared.points, prepared.normals, prepared.weights, prepared.planarity)
+    blocks = ((prepared.keys, NOTHING_NEAR), (prepared.codes, 0), (prepared.states, 0))
+    return eqx.tree_at(
+        lambda m: (m.points, m.normals, m.weights, m.planarity, m.keys, m.codes, m.states),
+        prepared,
+        tuple(jnp.asarray(pad_rows(np.asarray(rows), length)) for rows in lists)
+        + tuple(jnp.asarray(pad_rows(np.asarray(cells), volume, int(fill))) for cells, fill in blocks),
     )
 
 
