@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from fake_register import FakeRegister, cube_map, pose
 from voxjax import VoxelGrid, read_map, write_map
 from voxjax.cli.main import main
+from voxjax.view import page
 
 WORLD = [pose(0.4 * n, (n, -2.0 * n, 0.0)) for n in range(3)]
 
@@ -83,6 +85,21 @@ def test_merge_writes_all_outputs_and_exits_with_0(monkeypatch, maps, capsys):
     shown = capsys.readouterr()
     assert "maps 0 and 1: hypotheses" in shown.err
     assert "m1.npz: x 1.000, y -2.000, z 0.000 m" in shown.out
+
+
+@pytest.mark.skipif(find_spec("viser") is None, reason="needs the extra voxjax[view]")
+def test_the_page_is_written_with_the_map(monkeypatch, maps):
+    _fake(monkeypatch)
+    assert main(["merge", *maps, "-o", "out.bt", "--html", "v.html", "-q"]) == 0
+    assert "<html" in Path("v.html").read_text(encoding="utf-8")
+
+
+def test_a_page_without_its_extra_is_refused_at_once(monkeypatch, maps, capsys):
+    fake = _fake(monkeypatch)
+    monkeypatch.setattr(page, "find_spec", lambda name: None)
+    assert main(["merge", *maps, "-o", "out.bt", "--html", "v.html", "-q"]) == 2
+    assert "voxjax[view]" in _one_line(capsys)
+    assert fake.calls == []
 
 
 def test_quiet_shows_no_progress(monkeypatch, maps, capsys):
