@@ -19,9 +19,9 @@ def test_kernels_stay_while_there_is_room(monkeypatch):
 def test_kernels_go_when_mappings_run_out_and_come_back_when_called():
     double = jax.jit(lambda x: x * 2)
     double(jnp.ones(3))
-    assert double._cache_size() == 1  # pyright: ignore[reportFunctionMemberAccess]
+    assert double._cache_size() == 1  # pyright: ignore[reportAttributeAccessIssue]
     assert release_kernels_if_crowded(max_share=0.0)
-    assert double._cache_size() == 0  # pyright: ignore[reportFunctionMemberAccess]
+    assert double._cache_size() == 0  # pyright: ignore[reportAttributeAccessIssue]
     assert float(double(jnp.ones(3)).sum()) == 6.0
 
 
