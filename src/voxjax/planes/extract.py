@@ -118,7 +118,9 @@ def _away_from_edges(surface: Surface, labels: np.ndarray, min_cosine: float = 0
         return labels
     normal = plane_of_segments(surface.index.astype(np.float64), surface.normal, labels, num).normal
     agrees = (labels >= 0) & (np.abs(np.einsum("ij,ij->i", surface.normal, normal[labels])) > min_cosine)
-    is_enough = np.bincount(labels[agrees], minlength=num) >= 0.5 * np.bincount(labels[labels >= 0], minlength=num)
+    is_enough = np.bincount(labels[agrees], minlength=num) >= 0.5 * np.bincount(
+        labels[labels >= 0], minlength=num
+    )
     return np.where(agrees | ~is_enough[labels], labels, -1).astype(np.int32)
 
 
