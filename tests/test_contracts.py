@@ -33,10 +33,6 @@ OPTIONS = {
 }  # fmt: skip
 
 
-REQUIRED = {name: {"distance_tolerance"} for name in ("consistency_graph", "maximum_common_subgraph")}
-"""Corners alone do not say how accurate their maps are."""
-
-
 def _modules():
     """Names of all modules of the package."""
     for path in sorted(SOURCE.rglob("*.py")):
@@ -64,8 +60,7 @@ def test_data_comes_first_and_options_are_keyword_only(name):
     expected = POSITIONAL[name]
     assert len(positional) == expected if isinstance(expected, int) else positional == expected
     options = [p for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY]
-    required = {p.name for p in options if p.default is inspect.Parameter.empty}
-    assert required <= REQUIRED.get(name, set())
+    assert all(p.default is not inspect.Parameter.empty for p in options)
     assert OPTIONS.get(name, set()) <= {p.name for p in options}
 
 

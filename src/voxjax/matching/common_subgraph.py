@@ -16,7 +16,7 @@ from .backtracking import MAX_SEARCH_NODES as MAX_BACKTRACKING_NODES
 from .backtracking import Extend, backtrack
 from .clique import MAX_SEARCH_NODES as MAX_CLIQUE_NODES
 from .clique import maximum_clique
-from .consistency import ConsistencyGraph, consistency_graph
+from .consistency import DISTANCE_TOLERANCE, ConsistencyGraph, consistency_graph
 
 Align = Callable[[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]], Float[np.ndarray, "4 4"]]
 """Transform `T_a_b` of matched points (of a, of b)."""
@@ -67,7 +67,7 @@ def maximum_common_subgraph(
     corners_a: Corners,
     corners_b: Corners,
     *,
-    distance_tolerance: float,
+    distance_tolerance: float = DISTANCE_TOLERANCE,
     method: Literal["clique", "backtracking"] = "clique",
     angle_tolerance: float | None = None,
     min_distance: float = 0.0,
@@ -85,7 +85,7 @@ def maximum_common_subgraph(
     Args:
         corners_a: Corners of map a.
         corners_b: Corners of map b.
-        distance_tolerance: D of equation (4) [m].
+        distance_tolerance: D of equation (4) [m]; two voxels of a map of 10 cm unless given.
         method: "clique": branch and bound on the association graph; "backtracking": Algorithm 1 as in the
             paper.
         angle_tolerance: If given [rad], frames of corners must agree too, see `consistency_graph`.

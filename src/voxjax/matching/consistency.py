@@ -16,6 +16,9 @@ from .._types import Array
 from ..features.types import Corners
 from .associations import all_associations, check_associations, same_kind
 
+DISTANCE_TOLERANCE = 0.2
+"""D of equation (4) [m]: two voxels of a map of 10 cm, which is what two roundings and a little drift amount to."""
+
 MAX_ASSOCIATIONS = 32768
 """More would take over a gigabyte; choose candidates first."""
 
@@ -45,7 +48,7 @@ def consistency_graph(
     corners_a: Corners,
     corners_b: Corners,
     *,
-    distance_tolerance: float,
+    distance_tolerance: float = DISTANCE_TOLERANCE,
     angle_tolerance: float | None = None,
     min_distance: float = 0.0,
     match_kinds: bool = False,
@@ -59,7 +62,7 @@ def consistency_graph(
     Args:
         corners_a: Corners of map a.
         corners_b: Corners of map b.
-        distance_tolerance: D of equation (4) [m].
+        distance_tolerance: D of equation (4) [m]; two voxels of a map of 10 cm unless given.
         angle_tolerance: If given [rad], the rotations that two associations imply (best over the cyclic
             orders of the corners' normals) must also agree within it.
         min_distance: Pairs of corners nearer than this in either map [m] do not count as compatible: almost
