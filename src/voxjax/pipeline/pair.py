@@ -48,9 +48,9 @@ def register(
         a: The map whose frame the pose maps into.
         b: The map that is moved; the voxel sizes may differ.
         preset: "default", or "paper" for the published method alone.
-        config: Settings of the stages: a `Config`, nested tables, or None for the defaults.
-        gravity_aligned: The z axes of both maps point up, so that only yaw is unknown.
-        init_guess: A (4, 4) `T_a_b` that is tried as one more hypothesis.
+        config: Settings of the stages of the default preset: a `Config`, nested tables, or None for the defaults.
+        gravity_aligned: The z axes of both maps point up, so that only yaw is unknown; default preset only.
+        init_guess: A (4, 4) `T_a_b` that is tried as one more hypothesis; default preset only.
         on_stage: Called with the name of each stage as it starts.
 
     Returns:
@@ -61,6 +61,11 @@ def register(
         InputError: If a setting or the guess cannot be used.
     """
     check_choice("preset", preset, ("default", "paper"))
+    if preset == "paper" and (gravity_aligned or init_guess is not None):
+        raise InputError(
+            "preset 'paper' takes neither gravity_aligned nor init_guess, which the published method does not know; "
+            "leave them out or take the preset 'default'."
+        )
     settings = config_from(config)
     announce = on_stage if on_stage is not None else _silent
     for name, grid in (("a", a), ("b", b)):

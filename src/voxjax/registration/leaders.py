@@ -10,7 +10,7 @@ from .._buckets import bucket_size, pad_rows
 from .._types import Array
 from ..ops.align import align_poses
 from ..ops.evidence import score_poses, surface_evidence
-from .prepared import PreparedMap
+from .prepared import PreparedMap, sample_rows
 
 CONFLICT_WEIGHT = 6.0
 """How many hits a conflict outweighs (DESIGN: anything from 3 to 10 did)."""
@@ -40,13 +40,6 @@ class Judgement(NamedTuple):
     def score(self, conflict_weight: float = CONFLICT_WEIGHT) -> np.ndarray:
         """Hits minus weighted conflicts, at most 1."""
         return self.hits - conflict_weight * self.conflicts
-
-
-def sample_rows(prepared: PreparedMap, count: int) -> np.ndarray:
-    """Rows of `count` voxels drawn evenly along the cumulated leverage; deterministic."""
-    cumulated = np.cumsum(np.asarray(prepared.weights, np.float64)[: prepared.num_points])
-    at = (np.arange(count) + 0.5) / count * cumulated[-1]
-    return np.minimum(np.searchsorted(cumulated, at), prepared.num_points - 1)
 
 
 def inverse_poses(poses: Float[np.ndarray, "k 4 4"]) -> Float[np.ndarray, "k 4 4"]:

@@ -128,6 +128,13 @@ def share_sizes(maps: Sequence[PreparedMap]) -> list[PreparedMap]:
     ]
 
 
+def sample_rows(prepared: PreparedMap, count: int) -> np.ndarray:
+    """Rows of `count` voxels drawn evenly along the cumulated leverage; deterministic."""
+    cumulated = np.cumsum(np.asarray(prepared.weights, np.float64)[: prepared.num_points])
+    at = (np.arange(count) + 0.5) / count * cumulated[-1]
+    return np.minimum(np.searchsorted(cumulated, at), prepared.num_points - 1)
+
+
 def _padded(prepared: PreparedMap, length: int, volume: int) -> PreparedMap:
     lists = (prepared.points, prepared.normals, prepared.weights, prepared.planarity)
     blocks = ((prepared.keys, NOTHING_NEAR), (prepared.codes, 0), (prepared.states, 0))

@@ -16,7 +16,7 @@ from .._checks import InputError, check_choice, check_pose, check_positive
 from .._results import RESULTS
 from .._types import Array
 from ..grid import VoxelGrid
-from .prepared import PreparedMap, prepare_map
+from .prepared import PreparedMap, prepare_map, sample_rows
 from .residuals import (
     MIN_PLANARITY,
     Loss,
@@ -156,9 +156,7 @@ def surface_of(prepared: PreparedMap, *, is_signed: bool) -> Surface:
 
 def sample_of(prepared: PreparedMap, num_points: int) -> Sample:
     """`num_points` voxels of map b, drawn by leverage; voxels repeat where the map has fewer."""
-    cumulated = np.cumsum(np.asarray(prepared.weights, np.float64)[: prepared.num_points])
-    at = (np.arange(num_points) + 0.5) / num_points * cumulated[-1]
-    rows = np.minimum(np.searchsorted(cumulated, at), prepared.num_points - 1)
+    rows = sample_rows(prepared, num_points)
     weights = np.full(num_points, 1.0 / num_points, np.float32)
     is_planar = np.asarray(prepared.planarity)[rows] > MIN_PLANARITY
     normals = np.where(is_planar[:, None], np.asarray(prepared.normals)[rows], np.float32(0.0))
