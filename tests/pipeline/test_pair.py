@@ -1,5 +1,8 @@
 """`vx.register` from end to end, on a small building."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -156,3 +159,17 @@ def test_bad_arguments_are_refused(maps):
         vx.register(maps[0], maps[1], init_guess=np.zeros((4, 4)))
     with pytest.raises(vx.InputError, match="same voxel_size"):
         register_prepared(prepare(maps[0], voxel_size=0.2), prepare(maps[1], voxel_size=0.3))
+
+
+def test_an_unknown_preset_is_refused_where_types_are_not_checked():
+    """In a process of its own: here the type checker of the tests would speak first."""
+    code = (
+        "import numpy as np, voxjax as vx\n"
+        "grid = vx.VoxelGrid(np.full((3, 3, 3), 2, np.uint8), np.zeros(3), 0.1)\n"
+        "try:\n    vx.register(grid, grid, preset='fast')\n"
+        "except vx.InputError as error:\n    print(error)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True
+    )
+    assert done.stdout.strip() == "preset must be one of 'default', 'paper', got 'fast'."
