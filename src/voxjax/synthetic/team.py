@@ -1,5 +1,6 @@
 """Teams of robots that map one generated building, each in its own frame, with the truth beside the maps."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -7,6 +8,7 @@ import numpy as np
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
+from .._checks import InputError
 from ..grid import VoxelGrid
 from .building import Building, close_doors, make_building, make_hotel
 from .lidar import Lidar, take_scan
@@ -66,6 +68,7 @@ def simulate_team(
     skew: float = 0.0,
     closed_doors: float = 0.6,
     building: Building | None = None,
+    rooms: Sequence[Sequence[int]] | None = None,
     lidar: Lidar | None = None,
 ) -> Team:
     """Let robots map a generated building.
@@ -83,13 +86,18 @@ def simulate_team(
         skew: Tangent of the largest angle by which walls lean away from right angles.
         closed_doors: Share of the doors that a robot finds closed, of those that it does not pass.
         building: None draws one.
+        rooms: The rooms that each robot visits, joined by doors; None draws them by `overlap`.
         lidar: None takes the default with a noise of 1 to 3 cm.
     """
     rng = np.random.default_rng([seed, 1])
     if building is None:
         building = make_building(np.random.default_rng([seed, 0]), clutter=clutter, skew=skew)
-    rooms, shared = choose_rooms(rng, building, num_robots=num_robots, overlap=overlap)
-    places = [(building, visited) for visited in rooms]
+    if rooms is None:
+        visits, shared = choose_rooms(rng, building, num_robots=num_robots, overlap=overlap)
+    else:
+        visits = [sorted(visited) for visited in rooms]
+        shared = sorted(set.intersection(*map(set, visits)))
+    places = [(building, visited) for visited in visits]
     for stranger in range(num_strangers):
         other = make_building(np.random.default_rng([seed, 2 + stranger]), clutter=clutter, skew=skew)
         visited, _ = choose_rooms(rng, other, num_robots=2, overlap=overlap)
@@ -105,8 +113,10 @@ def simulate_team(
     is_observed = np.stack(
         [observed_corners(building.corners, g, T) for g, T in zip(grids, poses, strict=True)]
     )
-    visits = tuple(visited for _, visited in places)
-    return Team(tuple(grids), tuple(poses), building.corners, is_observed, visits, shared, building)
+    return Team(
+        tuple(grids), tuple(poses), building.corners, is_observed, tuple(visited for _, visited in places), shared,
+        building,
+    )  # fmt: skip
 
 
 def different_buildings(seed: int, **options) -> Team:
@@ -115,7 +125,13 @@ def different_buildings(seed: int, **options) -> Team:
 
 
 def simulate_hotel(
-    seed: int, *, rooms_per_side: int = 4, moved_share: float = 0.1, overlap: float = 0.4, **options
+    seed: int,
+    *,
+    rooms_per_side: int = 4,
+    moved_share: float = 0.1,
+    overlap: float = 0.4,
+    shared_columns: int | None = None,
+    **options,
 ) -> Team:
     """Robots in a building of equal rooms, where shifted maps agree almost as well as true ones.
 
@@ -124,10 +140,24 @@ def simulate_hotel(
         rooms_per_side: Rooms on each side of the corridor.
         moved_share: Share of the furniture that differs from room to room.
         overlap: Share of the rooms that all robots visit.
+        shared_columns: Instead of `overlap`, for two robots: one maps the columns of rooms from the left on, one from
+            the right on, and so many columns in the middle are mapped by both.
         **options: Those of `simulate_team`, but `building`, `clutter` and `skew`.
+
+    Raises:
+        InputError: If there are fewer columns than are to be shared.
     """
     rng = np.random.default_rng([seed, 0])
     hotel = make_hotel(rng, rooms_per_side=rooms_per_side, moved_share=moved_share)
+    if shared_columns is not None:
+        if not 1 <= shared_columns <= rooms_per_side:
+            raise InputError(f"shared_columns must be 1 to {rooms_per_side} (rooms_per_side), got {shared_columns}.")
+        num_left = (rooms_per_side + shared_columns + 1) // 2
+        columns = range(num_left), range(num_left - shared_columns, rooms_per_side)
+        # Rooms are numbered row by row, the corridor, row number 1, being one room.
+        options["rooms"] = [
+            [*part, rooms_per_side, *(rooms_per_side + 1 + column for column in part)] for part in columns
+        ]
     return simulate_team(seed, building=hotel, overlap=overlap, **options)
 
 
