@@ -4,10 +4,8 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
-import jax.numpy as jnp
 import numpy as np
 
-from .. import rigid
 from .._checks import InputError, check_choice, check_pose
 from .._mappings import release_kernels_if_crowded
 from .._results import RESULTS
@@ -15,7 +13,6 @@ from ..grid import VoxelGrid
 from ..registration.leaders import find_leaders, judge_poses
 from ..registration.map_features import MapFeatures, map_features, share_sizes
 from ..registration.paper import register_paper
-from ..registration.prepared import PreparedMap
 from ..registration.proposals import ProposalCollector
 from ..registration.refine import refine
 from ..registration.types import Evidence, Hypothesis, Registration
@@ -28,8 +25,11 @@ FINE_VOXEL = 0.075
 MIN_KEPT_SCORE = 0.98
 """The last refinement fits planes, not counts; it is taken back if it costs more than this share of the evidence."""
 
-NUM_ROUNDS = 2
-"""Rounds of refining b onto a and a onto b; after two, both agree on the middle."""
+LAST_REACH = 2.0
+"""Robust scale at which the last refinement starts [voxel]."""
+
+LAST_POINTS = 4096
+"""Voxels of each map in the last refinement."""
 
 
 def register(
@@ -195,7 +195,11 @@ def register_prepared(
         max_conflict=bounds.max_conflict, max_rival=bounds.max_rival,
         min_support_without_free_space=bounds.min_support_without_free_space,
     )  # fmt: skip
-    T_a_b, covariance = refine_both_ways(a.prepared, b.prepared, leaders.poses[0])
+    refined = refine(
+        a.prepared, b.prepared, leaders.poses[0], max_distance=LAST_REACH * a.prepared.grid.voxel_size,
+        num_points=LAST_POINTS, both_ways=True,
+    )  # fmt: skip
+    T_a_b, covariance = np.asarray(refined.T_a_b), np.asarray(refined.covariance)
     after = judge_poses(a.prepared, b.prepared, T_a_b[None], num_points=None)
     if after.score()[0] < MIN_KEPT_SCORE * leaders.judgement.score()[0]:
         T_a_b, after = leaders.poses[0], None
@@ -223,28 +227,6 @@ def register_prepared(
         ),
         stats | {"source": hypotheses[0].source, "has_free_space": has_free_space}, seconds,
     )  # fmt: skip
-
-
-def refine_both_ways(a: PreparedMap, b: PreparedMap, T_a_b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Refine b onto the surfaces of a and a onto those of b, and meet in the middle.
-
-    Registering the maps the other way round then gives the inverse, and the errors of both maps' planes average out.
-
-    Returns:
-        Pose float32 (4, 4) and covariance float32 (6, 6) of the first direction.
-    """
-    reach = 2.0 * a.grid.voxel_size
-    # The centroid of b, where rotation and translation are least coupled.
-    shift = rigid.from_rotation_translation(jnp.eye(3, dtype=jnp.float32), jnp.asarray(b.centroid))
-    middle, covariance = jnp.asarray(T_a_b), np.eye(6, dtype=np.float32)
-    for _ in range(NUM_ROUNDS):
-        forward = refine(a, b, middle, max_distance=reach)
-        backward = refine(b, a, rigid.inverse(jnp.asarray(forward.T_a_b)), max_distance=reach)
-        at_centroid = jnp.asarray(forward.T_a_b) @ shift
-        difference = rigid.inverse(at_centroid) @ rigid.inverse(jnp.asarray(backward.T_a_b)) @ shift
-        middle = at_centroid @ rigid.exp(0.5 * rigid.log(difference)) @ rigid.inverse(shift)
-        covariance = np.asarray(forward.covariance)
-    return np.asarray(middle), covariance
 
 
 def nothing_found(reason: str, result: RESULTS) -> Registration:

@@ -5,6 +5,7 @@ import numpy as np
 from jaxtyping import Float32, Int32
 
 from ..grid import VoxelGrid
+from .chamfers import drop_chamfers
 from .consolidate import drop_narrow, extend_segments, merge_segments, split_segments
 from .fit import Planes, fit_planes
 from .grow import keep_large, segment_planes
@@ -33,7 +34,7 @@ class PlaneMap(eqx.Module):
 def extract_planes(
     grid: VoxelGrid, *, size: int = 5, max_angle: float = 15.0, max_curvature: float = 0.12,
     tolerance: float = 1.0, max_rms: float = 0.7, merge_angle: float = 6.0, gap: float = 10.0,
-    min_voxels: int = 15, min_width: float = 3.5, max_planes: int = 512,
+    min_voxels: int = 15, min_width: float = 3.5, chamfer_reach: float = 3.5, max_planes: int = 512,
 ) -> PlaneMap:  # fmt: skip
     """Find the planes of a map: grow, split, merge and extend, fit.
 
@@ -54,6 +55,7 @@ def extract_planes(
         gap: Pieces of one plane farther apart than about this stay apart [voxel].
         min_voxels: Smallest plane.
         min_width: Narrower segments [voxel] are no faces but the rounded edges between two.
+        chamfer_reach: Segments that keep within this of the edge of two others [voxel] are no faces either.
         max_planes: At most so many planes, the largest.
 
     Returns:
@@ -66,6 +68,7 @@ def extract_planes(
         labels = extend_segments(surface, labels, distance=tolerance)
     # Last, when faces reach to their edges: the elements of a rounded edge then go to the faces beside it.
     labels = drop_narrow(surface, labels, min_width=min_width)
+    labels = drop_chamfers(surface, labels, reach=chamfer_reach)
     labels = extend_segments(surface, labels, distance=tolerance)
     labels = _largest_first(keep_large(labels, min_voxels), max_planes)
     points = grid.world_from_index(surface.index)

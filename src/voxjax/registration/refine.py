@@ -19,19 +19,22 @@ from ..grid import VoxelGrid
 from .prepared import PreparedMap, prepare_map, sample_rows
 from .residuals import (
     MIN_PLANARITY,
+    Backward,
     Loss,
     Sample,
     Surface,
     mean_cost,
     move_about,
+    mutual_residuals,
     plane_information,
-    surface_residuals,
 )
 
 START_DISTANCE, FINAL_DISTANCE = 4.0, 1.0
 """Robust scale of the first and of the last level [voxel]."""
 
-NUM_LEVELS = 4
+LEVELS_PER_OCTAVE = 2
+"""Levels while the robust scale halves."""
+
 MAX_STEPS = 24
 """Steps of Levenberg-Marquardt on each level."""
 
@@ -89,6 +92,7 @@ def refine(
     final_distance: float | None = None,
     num_points: int = 8192,
     loss: Loss = "geman_mcclure",
+    both_ways: bool = False,
 ) -> Refinement:
     """Refine a pose so that the occupied voxels of b lie on the surfaces of a.
 
@@ -103,6 +107,8 @@ def refine(
         final_distance: Robust scale at the end [m]; None takes 1 voxel of a.
         num_points: Voxels of b to use, chosen by what they rule out.
         loss: "geman_mcclure" (bounded), "cauchy", "huber" or "squared".
+        both_ways: Bring also the voxels of a onto the surfaces of b, each way with half of the weight: the errors of
+            both maps' planes average out, and the maps the other way round give the inverse pose.
 
     Returns:
         The refined pose with its covariance; the start itself where no better one was found.
@@ -126,13 +132,17 @@ def refine(
     )
     last = FINAL_DISTANCE * voxel if final_distance is None else final_distance
     last = min(check_positive("final_distance", last, "m"), first)
-    surface = surface_of(target, is_signed=target.has_free_space and other.has_free_space)
-    sample = sample_of(other, num_points)
-    scales = np.geomspace(first, last, NUM_LEVELS).astype(np.float32)
+    is_signed = target.has_free_space and other.has_free_space
+    surface, sample = surface_of(target, is_signed=is_signed), sample_of(other, num_points)
+    back = None
+    if both_ways:
+        back = Backward(surface_of(other, is_signed=is_signed), sample_of(target, num_points))
+    num_levels = max(int(np.ceil(LEVELS_PER_OCTAVE * np.log2(first / last) - 1e-6)), 1)
+    scales = np.geomspace(last, first, num_levels)[::-1].astype(np.float32)
     radius = _radius(sample)
-    found = refine_pose(jnp.asarray(start), surface, sample, scales, radius, loss=loss)
+    found = refine_pose(jnp.asarray(start), surface, sample, scales, radius, back, loss=loss)
     covariance, is_degenerate = pose_covariance(
-        found.T_a_b, surface, sample, scales[-1], radius, np.float32(other.num_points / PATCH_VOXELS)
+        found.T_a_b, surface, sample, scales[-1], radius, np.float32(other.num_points / PATCH_VOXELS), back
     )
     if bool(is_degenerate):
         result = RESULTS.degenerate
@@ -170,6 +180,7 @@ def refine_pose(
     sample: Sample,
     scales: Float[Array, "levels"],
     radius: Float[Array, ""],
+    back: Backward | None = None,
     *,
     loss: Loss = "geman_mcclure",
 ) -> RefinedPose:
@@ -181,6 +192,7 @@ def refine_pose(
         sample: Of map b.
         scales: Robust scale of each level [m].
         radius: Length that turns radians into metres [m].
+        back: The other way round; None for one way only.
         loss: What a large offset costs.
     """
     solver = optx.LevenbergMarquardt(rtol=TOLERANCE, atol=TOLERANCE, linear_solver=lx.Normal(lx.Cholesky()))
@@ -190,10 +202,11 @@ def refine_pose(
         units = jnp.concatenate([jnp.full(3, 1.0, T.dtype), jnp.full(3, 1.0, T.dtype) / radius]) * scale
 
         def residuals(unknowns: Array, args: tuple) -> Array:
-            T, surface, sample, scale, units = args
-            return surface_residuals(unknowns * units, T, surface, sample, scale, loss=loss)
+            T, surface, sample, back, scale, units = args
+            moved = move_about(T, sample.centroid, unknowns * units)
+            return mutual_residuals(moved, surface, sample, back, scale, loss=loss)
 
-        args = (T, surface, sample, scale, units)
+        args = (T, surface, sample, back, scale, units)
         solution = optx.least_squares(
             residuals,
             solver,
@@ -204,15 +217,15 @@ def refine_pose(
             throw=False,
         )
         moved = move_about(T, sample.centroid, solution.value * units)
-        before = mean_cost(T, surface, sample, scale, loss=loss)
-        is_better = mean_cost(moved, surface, sample, scale, loss=loss) < before
+        before = mean_cost(T, surface, sample, scale, loss=loss, back=back)
+        is_better = mean_cost(moved, surface, sample, scale, loss=loss, back=back) < before
         steps = jnp.asarray(solution.stats["num_steps"], jnp.int32)
         return jnp.where(is_better, moved, T), (steps, solution.result == optx.RESULTS.successful)
 
     T, (steps, converged) = jax.lax.scan(level, T_a_b, scales)
     T = _orthonormal(T)
-    before = mean_cost(T_a_b, surface, sample, scales[-1], loss=loss)
-    after = mean_cost(T, surface, sample, scales[-1], loss=loss)
+    before = mean_cost(T_a_b, surface, sample, scales[-1], loss=loss, back=back)
+    after = mean_cost(T, surface, sample, scales[-1], loss=loss, back=back)
     is_better = after < before
     return RefinedPose(
         jnp.where(is_better, T, T_a_b),
@@ -238,6 +251,7 @@ def pose_covariance(
     scale: Float[Array, ""],
     radius: Float[Array, ""],
     num_patches: Float[Array, ""],
+    back: Backward | None = None,
 ) -> tuple[Float[Array, "6 6"], Bool[Array, ""]]:
     """Covariance of the tangent about the centroid of b in frame a, and whether a direction is not fixed.
 
@@ -248,8 +262,9 @@ def pose_covariance(
         scale: Robust scale [m].
         radius: Length that turns radians into metres [m].
         num_patches: Independent observations if all of b met a plane.
+        back: The other way round; None for one way only.
     """
-    information, variance, _ = plane_information(T_a_b, surface, sample, scale)
+    information, variance, _ = plane_information(T_a_b, surface, sample, scale, back)
     # Voxels round positions: a twelfth of a voxel squared, even where all offsets happen to vanish.
     variance = variance + surface.voxel_size**2 / 12.0
     units = jnp.concatenate([jnp.ones(3, T_a_b.dtype), jnp.ones(3, T_a_b.dtype) / radius])

@@ -147,7 +147,14 @@ def surface_residuals(
         scale: Robust scale [m].
         loss: What a large offset costs.
     """
-    gap, normal, planarity, is_match = meet(surface, sample, move_about(T, sample.centroid, tangent))
+    return pose_residuals(move_about(T, sample.centroid, tangent), surface, sample, scale, loss=loss)
+
+
+def pose_residuals(
+    T: Float[Array, "4 4"], surface: Surface, sample: Sample, scale: Scalar, *, loss: Loss
+) -> Float[Array, "n 3"]:
+    """`surface_residuals` at a pose."""
+    gap, normal, planarity, is_match = meet(surface, sample, T)
     across = normal * jnp.sum(gap * normal, axis=-1, keepdims=True)
     along = gap - across
     slide = SLIDE_WEIGHT * planarity[:, None] + (1.0 - planarity[:, None])
@@ -157,17 +164,51 @@ def surface_residuals(
     return robustify(jnp.where(is_match[:, None], offset, far), loss) * jnp.sqrt(sample.weights)[:, None]
 
 
+class Backward(NamedTuple):
+    """The other way round: points of map a against the surface of map b.
+
+    Attributes:
+        surface: Of map b.
+        sample: Of map a.
+    """
+
+    surface: Surface
+    sample: Sample
+
+
+def mutual_residuals(
+    T: Float[Array, "4 4"],
+    surface: Surface,
+    sample: Sample,
+    back: Backward | None,
+    scale: Scalar,
+    *,
+    loss: Loss,
+) -> Float[Array, "n 3"]:
+    """`pose_residuals`, and with `back` those of the inverse pose too, each way with half of the weight."""
+    forward = pose_residuals(T, surface, sample, scale, loss=loss)
+    if back is None:
+        return forward
+    backward = pose_residuals(rigid.inverse(T), back.surface, back.sample, scale, loss=loss)
+    return jnp.concatenate([forward, backward]) * np.float32(np.sqrt(0.5))
+
+
 def mean_cost(
-    T: Float[Array, "4 4"], surface: Surface, sample: Sample, scale: Scalar, *, loss: Loss
+    T: Float[Array, "4 4"],
+    surface: Surface,
+    sample: Sample,
+    scale: Scalar,
+    *,
+    loss: Loss,
+    back: Backward | None = None,
 ) -> Float[Array, ""]:
     """Weighted mean of the robust loss at a pose, in units of the scale squared."""
-    zero = jnp.zeros(6, T.dtype)
-    residual = surface_residuals(zero, T, surface, sample, scale, loss=loss)
+    residual = mutual_residuals(T, surface, sample, back, scale, loss=loss)
     return jnp.sum(residual * residual, dtype=residual.dtype)
 
 
 def plane_information(
-    T: Float[Array, "4 4"], surface: Surface, sample: Sample, scale: Scalar
+    T: Float[Array, "4 4"], surface: Surface, sample: Sample, scale: Scalar, back: Backward | None = None
 ) -> tuple[Float[Array, "6 6"], Float[Array, ""], Float[Array, ""]]:
     """What the planes say about the pose.
 
@@ -175,13 +216,28 @@ def plane_information(
         The weighted sum of `J J^T` of the distances across the surface, about the centroid of b in frame a;
         the weighted variance of these distances [m^2]; the sum of the weights that met a plane.
     """
-    arm = (sample.points - sample.centroid[None, :]) @ T[:3, :3].T
-    gap, normal, planarity, is_match = meet(surface, sample, T)
-    squared = jnp.sum(gap * gap, axis=-1, dtype=gap.dtype) / (scale * scale)
-    weight = jnp.where(is_match, sample.weights * planarity / (1.0 + squared) ** 2, 0.0)
+    centre = T[:3, :3] @ sample.centroid + T[:3, 3]
+    rows = [_plane_rows(T, surface, sample, scale)]
+    points = [rigid.apply(T, sample.points)]
+    if back is not None:
+        normal, distance, weight = _plane_rows(rigid.inverse(T), back.surface, back.sample, scale)
+        # A motion of b moves what a sees in b the other way: the sign falls out of J J^T.
+        rows = [(n, d, 0.5 * w) for n, d, w in (rows[0], (normal @ T[:3, :3].T, distance, weight))]
+        points.append(back.sample.points)
+    normal, distance, weight = (jnp.concatenate(part) for part in zip(*rows, strict=True))
+    arm = jnp.concatenate(points) - centre[None, :]
     jacobian = jnp.concatenate([normal, jnp.cross(arm, normal)], axis=1)
-    distance = jnp.sum(gap * normal, axis=-1, dtype=gap.dtype)
     total = jnp.sum(weight, dtype=weight.dtype)
     total_safe = jnp.maximum(total, jnp.finfo(total.dtype).tiny)
     variance = jnp.sum(weight * distance * distance, dtype=weight.dtype) / total_safe
     return (jacobian * weight[:, None]).T @ jacobian, variance, total
+
+
+def _plane_rows(
+    T: Float[Array, "4 4"], surface: Surface, sample: Sample, scale: Scalar
+) -> tuple[Float[Array, "n 3"], Float[Array, "n"], Float[Array, "n"]]:
+    """Normals in the frame of the surface, distances across it and robust weights."""
+    gap, normal, planarity, is_match = meet(surface, sample, T)
+    squared = jnp.sum(gap * gap, axis=-1, dtype=gap.dtype) / (scale * scale)
+    weight = jnp.where(is_match, sample.weights * planarity / (1.0 + squared) ** 2, 0.0)
+    return normal, jnp.sum(gap * normal, axis=-1, dtype=gap.dtype), weight

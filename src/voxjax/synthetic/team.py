@@ -151,7 +151,9 @@ def simulate_hotel(
     hotel = make_hotel(rng, rooms_per_side=rooms_per_side, moved_share=moved_share)
     if shared_columns is not None:
         if not 1 <= shared_columns <= rooms_per_side:
-            raise InputError(f"shared_columns must be 1 to {rooms_per_side} (rooms_per_side), got {shared_columns}.")
+            raise InputError(
+                f"shared_columns must be 1 to {rooms_per_side} (rooms_per_side), got {shared_columns}."
+            )
         num_left = (rooms_per_side + shared_columns + 1) // 2
         columns = range(num_left), range(num_left - shared_columns, rooms_per_side)
         # Rooms are numbered row by row, the corridor, row number 1, being one room.

@@ -1,0 +1,120 @@
+"""`ops.correlate` on the host: blocks of any size without compilation, and rotations side by side on all cores.
+
+On a CPU the transforms of SciPy are as fast as those of the compiler, and a block needs no rung of a ladder: exact
+sizes save more than half of the work.
+"""
+
+import numpy as np
+from jaxtyping import Complex64, Float, Float32, UInt8
+from scipy.fft import irfftn, next_fast_len, rfftn
+
+from .evidence import CONFLICT, HIT
+
+PEAK_BLOCK = 4
+"""At most one peak in each block of so many cells an axis."""
+
+
+def block_size(cells: int) -> int:
+    """Smallest quick length of a transform, a multiple of `PEAK_BLOCK`, that holds `cells`."""
+    return PEAK_BLOCK * next_fast_len(-(-cells // PEAK_BLOCK), real=True)
+
+
+def coarse_spectra(
+    codes: UInt8[np.ndarray, "i j k"],
+    origin: Float[np.ndarray, "3"],
+    voxel_size: float,
+    points: Float32[np.ndarray, "n 3"],
+    weights: Float32[np.ndarray, "n"],
+    rotation: Float[np.ndarray, "3 3"],
+    low: Float[np.ndarray, "3"],
+    box: tuple[int, int, int],
+    cell_size: float,
+    conflict_weight: float,
+    *,
+    cells: tuple[int, int, int],
+) -> tuple[Complex64[np.ndarray, "x y w"], Complex64[np.ndarray, "x y w"]]:
+    """Fourier transforms of one rotated map on a coarse block: what it offers, and what it asks.
+
+    Args:
+        codes: Of `evidence_codes` at the coarse tolerance.
+        origin: Outer corner of the map's block [m].
+        voxel_size: [m].
+        points: Occupied voxel centres in the map's frame [m].
+        weights: One a point.
+        rotation: Maps the map's frame into the frame of the coarse block.
+        low: Outer corner of the coarse block [m].
+        box: Cells of the coarse block, from `low` on, that can hold anything of the map.
+        cell_size: Edge of a coarse cell [m].
+        conflict_weight: How many hits a conflict outweighs.
+        cells: Size of the coarse block; at least the sum of both maps' boxes, or the correlation wraps.
+
+    Returns:
+        As `ops.correlate.coarse_spectra`.
+    """
+    # Cell centres in voxels of the map: a sum of one vector an axis.
+    step = rotation * (cell_size / voxel_size)
+    start = ((low + 0.5 * cell_size) @ rotation - origin) / voxel_size
+    index, is_inside = [], None
+    for axis in range(3):
+        along = [(np.arange(n) * step[i, axis]).astype(np.float32) for i, n in enumerate(box)]
+        place = (
+            along[0][:, None, None]
+            + along[1][None, :, None]
+            + (along[2] + np.float32(start[axis]))[None, None, :]
+        )
+        cell = np.floor(place, out=place).astype(np.int32)
+        inside = (cell >= 0) & (cell < codes.shape[axis])
+        is_inside = inside if is_inside is None else is_inside & inside
+        index.append(cell)
+    assert is_inside is not None
+    flat = (index[0] * codes.shape[1] + index[1]) * codes.shape[2] + index[2]
+    code = np.take(codes.reshape(-1), np.where(is_inside, flat, 0), mode="clip") * is_inside
+    values = np.zeros(4, np.float32)
+    values[HIT], values[CONFLICT] = 1.0, -conflict_weight
+    offer = values[code]
+
+    cell = np.floor((points.astype(np.float64) @ rotation.T - low) / cell_size).astype(np.int64)
+    cell = np.clip(cell, 0, np.asarray(box) - 1)
+    flat = (cell[:, 0] * box[1] + cell[:, 1]) * box[2] + cell[:, 2]
+    ask = np.bincount(flat, weights, minlength=int(np.prod(box))).astype(np.float32).reshape(box)
+    return rfftn(offer, s=cells), rfftn(ask, s=cells)
+
+
+def correlation_peaks(
+    offer_a: Complex64[np.ndarray, "x y w"],
+    ask_a: Complex64[np.ndarray, "x y w"],
+    offer_b: Complex64[np.ndarray, "x y w"],
+    ask_b: Complex64[np.ndarray, "x y w"],
+    *,
+    cells: tuple[int, int, int],
+    num_peaks: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Best translations of b against a, at most one in each block of cells; as `ops.correlate.correlation_peaks`.
+
+    Args:
+        offer_a: Of `coarse_spectra`, as the next three.
+        ask_a: Of map a.
+        offer_b: Of map b.
+        ask_b: Of map b.
+        cells: Size of the block; multiples of `PEAK_BLOCK`.
+        num_peaks: At most so many.
+
+    Returns:
+        Scores float32 (k,), best first, and translations int64 (k, 3) [cell], in [-cells / 2, cells / 2).
+    """
+    spectrum = offer_a * np.conj(ask_b)
+    spectrum += ask_a * np.conj(offer_b)
+    score = irfftn(spectrum, s=cells, overwrite_x=True)
+    best = score
+    for axis in range(3):
+        parts = [np.take(best, range(i, best.shape[axis], PEAK_BLOCK), axis=axis) for i in range(PEAK_BLOCK)]
+        best = np.maximum(np.maximum(parts[0], parts[1]), np.maximum(parts[2], parts[3]))
+    count = min(num_peaks, best.size)
+    order = np.argsort(-best, axis=None, kind="stable")[:count]
+    peaks = []
+    for block in np.stack(np.unravel_index(order, best.shape), axis=-1) * PEAK_BLOCK:
+        part = score[tuple(slice(i, i + PEAK_BLOCK) for i in block)]
+        peaks.append(block + np.unravel_index(np.argmax(part), part.shape))
+    cell = np.asarray(peaks, np.int64).reshape(-1, 3)
+    size = np.asarray(cells)
+    return best.reshape(-1)[order], np.where(cell >= size // 2, cell - size, cell)

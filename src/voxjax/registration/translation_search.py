@@ -1,0 +1,148 @@
+"""Search of all translations for given rotations, on the host or on an accelerator; the same scores."""
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from .._types import Array
+from ..ops import correlate_host as host
+from ..ops.correlate import coarse_spectra, correlation_peaks
+from .prepared import PreparedMap
+
+CONFLICT_WEIGHT = 3.0
+"""A coarse conflict is less certain than a fine one, which weighs 6."""
+
+SIZES = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024)
+"""Rungs of each axis of the block on an accelerator; multiples of 8 with factors 2 and 3 only."""
+
+MAX_GROWTH = 1.8
+"""A block may be so much larger than needed to share the compiled shape of another."""
+
+Cells = tuple[int, int, int]
+Peaks = tuple[np.ndarray, np.ndarray]
+
+
+class Placement(NamedTuple):
+    """Where both maps go in the coarse block for one rotation.
+
+    Attributes:
+        axes: Order of the block's axes, longest first.
+        box_a: Cells that map a fills, from its low corner on.
+        box_b: Those of map b.
+        block_a: Rotation of map a into the block (3, 3).
+        block_b: Rotation of map b into the block.
+        low_a: Low corner of a's box in the block's frame [m].
+        low_b: That of b's box.
+    """
+
+    axes: Cells
+    box_a: np.ndarray
+    box_b: np.ndarray
+    block_a: np.ndarray
+    block_b: np.ndarray
+    low_a: np.ndarray
+    low_b: np.ndarray
+
+
+def search_on_host(
+    a: PreparedMap, b: PreparedMap, factor: int, placements: Sequence[Placement], num_peaks: int
+) -> list[Peaks]:
+    """Scores and shifts [cell] of each placement, best first, rotations side by side on all cores.
+
+    Args:
+        a: First map.
+        b: Second map.
+        factor: Width of a cell [voxel].
+        placements: One a rotation.
+        num_peaks: Translations of each.
+    """
+    maps = a, b
+    codes = [_coarse_block(m, factor) for m in maps]
+    rows = [(np.asarray(m.points)[: m.num_points], np.asarray(m.weights)[: m.num_points]) for m in maps]
+
+    def spectra(which: int, rotation: np.ndarray, low: np.ndarray, box: np.ndarray, cells: Cells) -> tuple:
+        grid = maps[which].grid
+        return host.coarse_spectra(
+            codes[which], grid.origin.astype(np.float64), grid.voxel_size, *rows[which], rotation, low, _triple(box),
+            factor * grid.voxel_size, CONFLICT_WEIGHT, cells=cells,
+        )  # fmt: skip
+
+    keys = [(_triple([host.block_size(int(n)) for n in p.box_a + p.box_b]), p.axes) for p in placements]
+    first = {key: place for key, place in zip(reversed(keys), reversed(placements), strict=True)}
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        of_a = pool.map(
+            lambda key: spectra(0, first[key].block_a, first[key].low_a, first[key].box_a, key[0]), first
+        )
+        spectra_a = dict(zip(first, of_a, strict=True))
+
+        def search(place: Placement, key: tuple[Cells, Cells]) -> Peaks:
+            of_b = spectra(1, place.block_b, place.low_b, place.box_b, key[0])
+            return host.correlation_peaks(*spectra_a[key], *of_b, cells=key[0], num_peaks=num_peaks)
+
+        return list(pool.map(search, placements, keys))
+
+
+def search_on_device(
+    a: PreparedMap, b: PreparedMap, factor: int, placements: Sequence[Placement], num_peaks: int
+) -> list[Peaks]:
+    """`search_on_host` on the default device: one rotation after the other, in blocks of few shapes."""
+    cell = factor * a.grid.voxel_size
+    codes_a, codes_b = a.coarse_codes(factor), b.coarse_codes(factor)
+    needed = [_triple([_rung(int(n)) for n in p.box_a + p.box_b]) for p in placements]
+    shared = _share_shapes(set(needed))
+    spectra_a, found = {}, []
+    for place, shape in zip(placements, needed, strict=True):
+        cells = shared[shape]
+        key = cells, place.axes
+        if key not in spectra_a:
+            spectra_a[key] = _spectra(a, codes_a, place.block_a, place.low_a, cell, cells)
+        of_b = _spectra(b, codes_b, place.block_b, place.low_b, cell, cells)
+        top, shift = correlation_peaks(*spectra_a[key], *of_b, cells=cells, num_peaks=num_peaks)
+        found.append((np.asarray(top), np.asarray(shift)))
+    return found
+
+
+def _coarse_block(prepared: PreparedMap, factor: int) -> np.ndarray:
+    """Coarse evidence codes as a block (x, y, z)."""
+    shape = prepared.grid.states.shape
+    return np.asarray(prepared.coarse_codes(factor))[: int(np.prod(shape))].reshape(shape)
+
+
+def _triple(numbers: Sequence[int] | np.ndarray) -> Cells:
+    x, y, z = (int(n) for n in numbers)
+    return x, y, z
+
+
+def _rung(cells: int) -> int:
+    return next((size for size in SIZES if size >= cells), -(-cells // 64) * 64)
+
+
+def _share_shapes(shapes: set[tuple[int, int, int]]) -> dict[tuple[int, int, int], tuple[int, int, int]]:
+    """For each shape one that holds it and is not much larger; few different ones, because each is compiled."""
+    shared: dict[tuple[int, int, int], tuple[int, int, int]] = {}
+    for shape in sorted(shapes, key=lambda n: (-np.prod(n), n)):
+        fits = [
+            other for other in set(shared.values())
+            if all(m <= n for m, n in zip(shape, other, strict=True)) and np.prod(other) <= MAX_GROWTH * np.prod(shape)
+        ]  # fmt: skip
+        shared[shape] = min(fits, key=lambda n: (np.prod(n), n), default=shape)
+    return shared
+
+
+def _spectra(
+    prepared: PreparedMap,
+    codes: Array,
+    rotation: np.ndarray,
+    low: np.ndarray,
+    cell: float,
+    cells: tuple[int, int, int],
+) -> tuple[Array, Array]:
+    return coarse_spectra(
+        codes, *prepared.block, prepared.points, prepared.weights,
+        jnp.asarray(rotation, jnp.float32), jnp.asarray(low, jnp.float32), jnp.float32(cell),
+        jnp.float32(CONFLICT_WEIGHT), cells=cells,
+    )  # fmt: skip
