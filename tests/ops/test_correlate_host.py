@@ -35,7 +35,7 @@ def test_blocks_hold_what_is_needed_in_whole_peak_blocks(needed):
 
 def test_host_and_device_find_the_same_best_translations():
     frame_b = pose(yaw=33.0, tilt=12.0, translation=(3.0, -2.0, 1.0))
-    a, b = (map_features(draw_map(T), max_virtual=8, with_descriptors=False) for T in (None, frame_b))
+    a, b = (map_features(draw_map(T), max_virtual=8) for T in (None, frame_b))
     rotations = np.linalg.inv(frame_b)[None, :3, :3] @ np.stack([np.eye(3), pose(yaw=90.0)[:3, :3]])
     corners = [np.asarray(m.prepared.points)[: m.prepared.num_points].astype(np.float64) for m in (a, b)]
     factor, places = _place(

@@ -141,13 +141,13 @@ def test_features_are_computed_once_a_map(monkeypatch, maps):
     FakeRegister(maps, WORLD).install(monkeypatch)
     prepared = []
 
-    def prepare(grid, *, voxel_size, with_descriptors):
-        prepared.append((voxel_size, with_descriptors))
+    def prepare(grid, *, voxel_size):
+        prepared.append(voxel_size)
         return grid
 
     monkeypatch.setattr(many, "prepare", prepare)
     merge(maps)
-    assert prepared == [(0.5, True)] * len(maps)
+    assert prepared == [0.5] * len(maps)
 
 
 def test_a_map_with_nothing_occupied_is_left_out(monkeypatch, maps):

@@ -16,8 +16,8 @@ T_MAP_WORLD = pose(yaw=33.0, tilt=12.0, translation=(3.0, -2.0, 1.0))
 
 @pytest.fixture(scope="module")
 def pair():
-    a = map_features(draw_map(), max_virtual=64, with_descriptors=False)
-    b = map_features(draw_map(T_MAP_WORLD), max_virtual=64, with_descriptors=False)
+    a = map_features(draw_map(), max_virtual=64)
+    b = map_features(draw_map(T_MAP_WORLD), max_virtual=64)
     return a, b, np.linalg.inv(T_MAP_WORLD)
 
 
@@ -104,9 +104,9 @@ def test_a_map_upon_itself_agrees_in_all_directions(pair):
 
 
 def test_another_building_gets_no_support():
-    a = map_features(draw_map(), max_virtual=64, with_descriptors=False)
+    a = map_features(draw_map(), max_virtual=64)
     stranger = draw_map(T_MAP_WORLD, rooms=OTHER_ROOMS, furniture=OTHER_FURNITURE)
-    b = map_features(stranger, max_virtual=64, with_descriptors=False)
+    b = map_features(stranger, max_virtual=64)
     poses, _ = exhaustive(a, b)
     assert rank_poses(a.prepared, b.prepared, poses[:1])[0] < 0.5
     leaders = find_leaders(a.prepared, b.prepared, poses, num_ranked=64, num_refined=16, num_leaders=4)

@@ -33,6 +33,7 @@ class SourceConfig:
         max_rotations: Rotations that are searched exhaustively.
         num_peaks: Translations kept for each rotation.
         max_descriptor_poses: Distinct cliques of descriptors.
+        thorough: Ask all sources, also where the exhaustive search alone decides.
     """
 
     corners: bool = True
@@ -44,6 +45,7 @@ class SourceConfig:
     max_rotations: int = 48
     num_peaks: int = 24
     max_descriptor_poses: int = 16
+    thorough: bool = False
 
 
 @dataclasses.dataclass(frozen=True)

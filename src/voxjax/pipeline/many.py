@@ -218,12 +218,11 @@ def _features_of_all(grids: Sequence[VoxelGrid], settings: Config, announce: OnS
     if not filled:
         return [None] * len(grids)
     voxel_size = working_voxel_size(filled, settings)
-    with_descriptors = settings.source.descriptors
     found = []
     for number, grid in enumerate(grids):
         if grid.num_occupied:
             announce(f"features of map {number}")
-            found.append(prepare(grid, voxel_size=voxel_size, with_descriptors=with_descriptors))
+            found.append(prepare(grid, voxel_size=voxel_size))
     shared = iter(share_sizes(found))
     return [next(shared) if grid.num_occupied else None for grid in grids]
 

@@ -10,14 +10,14 @@ from .._checks import InputError, check_choice, check_pose
 from .._mappings import release_kernels_if_crowded
 from .._results import RESULTS
 from ..grid import VoxelGrid
-from ..registration.leaders import find_leaders, judge_poses
+from ..registration.leaders import Leaders, judge_poses
 from ..registration.map_features import MapFeatures, map_features, share_sizes
 from ..registration.paper import register_paper
-from ..registration.proposals import ProposalCollector
 from ..registration.refine import refine
 from ..registration.types import Evidence, Hypothesis, Registration
-from ..registration.verdict import decide
+from ..registration.verdict import Finding, decide
 from .config import Config, config_from
+from .search import search
 
 FINE_VOXEL = 0.075
 """Maps finer than this [m] are brought to about 0.1 m: the trials behind the evidence ran there."""
@@ -78,9 +78,9 @@ def register(
     seconds = {}
     start = time.perf_counter()
     announce("features of a")
-    features_a = prepare(a, voxel_size=size, with_descriptors=settings.source.descriptors)
+    features_a = prepare(a, voxel_size=size)
     announce("features of b")
-    features_b = prepare(b, voxel_size=size, with_descriptors=settings.source.descriptors)
+    features_b = prepare(b, voxel_size=size)
     features_a, features_b = share_sizes([features_a, features_b])
     seconds["features"] = time.perf_counter() - start
     return register_prepared(
@@ -99,16 +99,13 @@ def working_voxel_size(grids: list[VoxelGrid], settings: Config) -> float:
     return max(sizes)
 
 
-def prepare(
-    grid: VoxelGrid, *, voxel_size: float, max_virtual: int = 256, with_descriptors: bool = True
-) -> MapFeatures:
+def prepare(grid: VoxelGrid, *, voxel_size: float, max_virtual: int = 256) -> MapFeatures:
     """Features of one map for all its pairs.
 
     Args:
         grid: With at least one occupied voxel.
         voxel_size: Working voxel size [m] of all maps that it is compared with.
         max_virtual: Largest number of virtual corners.
-        with_descriptors: Whether local descriptors are computed, too.
 
     Raises:
         InputError: If nothing is occupied.
@@ -120,7 +117,6 @@ def prepare(
     return map_features(
         grid if same else grid.with_voxel_size(voxel_size),
         max_virtual=max_virtual,
-        with_descriptors=with_descriptors,
     )
 
 
@@ -149,52 +145,31 @@ def register_prepared(
     seconds = dict(seconds or {})
     release_kernels_if_crowded()
 
-    # 1. Hypotheses from every source.
-    announce("hypotheses")
-    sources = settings.source
-    collector = ProposalCollector(a, b, gravity_aligned=gravity_aligned)
-    if init_guess is not None:
-        collector.add_guess(check_pose("init_guess", init_guess))
-    if sources.corners:
-        collector.add_corner_frames()
-    if sources.subgraph:
-        collector.add_subgraph(distance_tolerance=sources.distance_tolerance, max_corners=sources.max_corners)
-    if sources.descriptors:
-        collector.add_descriptors(max_poses=sources.max_descriptor_poses)
-    if sources.exhaustive:
-        collector.add_exhaustive(max_rotations=sources.max_rotations, num_peaks=sources.num_peaks)
-    proposals = collector.collected()
-    seconds.update(proposals.seconds)
-    stats = dict(proposals.stats) | {
-        "num_corners_a": a.corners.num_listed,
-        "num_corners_b": b.corners.num_listed,
-    }
-    if len(proposals.poses) == 0:
-        found = nothing_found(
+    has_free_space = a.prepared.has_free_space and b.prepared.has_free_space
+
+    def verdict_of(leaders: Leaders) -> Finding:
+        return decide(
+            leaders.judgement, has_free_space=has_free_space, **dataclasses.asdict(settings.verdict)
+        )
+
+    # 1. Distinct leaders from the hypotheses of the sources, refined, judged by all voxels.
+    found = search(
+        a, b, settings, gravity_aligned=gravity_aligned,
+        guess=None if init_guess is None else check_pose("init_guess", init_guess),
+        is_decided=lambda leaders: verdict_of(leaders).verdict == "accepted", announce=announce,
+    )  # fmt: skip
+    seconds.update(found.seconds)
+    leaders = found.leaders
+    if leaders is None:
+        nothing = nothing_found(
             "No source proposed a pose: the maps have too little structure.", RESULTS.too_few_corners
         )
-        return _with_stats(found, stats, seconds)
+        return _with_stats(nothing, found.stats, seconds)
 
-    # 2. Distinct leaders, refined, judged by all voxels.
-    announce("leaders")
-    start = time.perf_counter()
-    options = settings.leader
-    leaders = find_leaders(
-        a.prepared, b.prepared, proposals.poses, num_ranked=options.num_ranked, num_refined=options.num_refined,
-        num_leaders=options.num_leaders,
-    )  # fmt: skip
-    seconds["leaders"] = time.perf_counter() - start
-
-    # 3. The pose, its covariance and the verdict.
+    # 2. The pose, its covariance and the verdict.
     announce("verdict")
     start = time.perf_counter()
-    has_free_space = a.prepared.has_free_space and b.prepared.has_free_space
-    bounds = settings.verdict
-    finding = decide(
-        leaders.judgement, has_free_space=has_free_space, min_support=bounds.min_support,
-        max_conflict=bounds.max_conflict, max_rival=bounds.max_rival,
-        min_support_without_free_space=bounds.min_support_without_free_space,
-    )  # fmt: skip
+    finding = verdict_of(leaders)
     refined = refine(
         a.prepared, b.prepared, leaders.poses[0], max_distance=LAST_REACH * a.prepared.grid.voxel_size,
         num_points=LAST_POINTS, both_ways=True,
@@ -210,7 +185,7 @@ def register_prepared(
         Hypothesis(
             leaders.poses[i] if i else T_a_b,
             float(scores[i] if i or after is None else after.score()[0]),
-            proposals.sources[leaders.rows[i]],
+            found.sources[i],
             _evidence(leaders.judgement, i, a.prepared.num_points + b.prepared.num_points),
         )
         for i in range(len(scores))
@@ -225,7 +200,7 @@ def register_prepared(
             T_a_b=T_a_b, verdict=finding.verdict, confidence=finding.confidence, covariance=covariance,
             hypotheses=hypotheses, reason=finding.reason, result=result[finding.verdict], stats={},
         ),
-        stats | {"source": hypotheses[0].source, "has_free_space": has_free_space}, seconds,
+        found.stats | {"source": hypotheses[0].source, "has_free_space": has_free_space}, seconds,
     )  # fmt: skip
 
 

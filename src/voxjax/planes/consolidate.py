@@ -31,26 +31,37 @@ def split_segments(
     Returns:
         New labels; segments that are still not flat lose theirs.
     """
-    points, is_edge = surface.index.astype(np.float64), None
-    for _ in range(num_rounds):
+    points, edges, is_active = surface.index.astype(np.float64), surface.pairs, labels >= 0
+    min_cosine = np.cos(np.radians(max_angle))
+    for number in range(num_rounds):
         num = int(labels.max(initial=-1)) + 1
-        planes = plane_of_segments(points, surface.normal, labels, num)
-        is_bad = planes.rms > max_rms
+        # Flat segments stay as they are, so each round looks only at what the round before found bad.
+        is_bad = _planes_of(surface, points, labels, is_active, num).rms > max_rms
         if not is_bad.any():
             return labels
-        in_bad = (labels >= 0) & is_bad[labels]
-        inlier = _peel(surface, points, labels, in_bad, num, distance, np.cos(np.radians(max_angle)))
-        rest = in_bad & ~inlier
-        if is_edge is None:
-            is_edge = _agree(surface) > np.cos(np.radians(max_angle))
-        i, j = surface.pairs[is_edge].T
-        within = rest[i] & rest[j] & (labels[i] == labels[j])
-        regrown = grow_regions(surface.pairs[is_edge][within], rest, surface.curvature)
+        is_active = (labels >= 0) & is_bad[labels]
+        inlier = _peel(surface, points, labels, is_active, num, distance, min_cosine)
+        rest = is_active & ~inlier
+        i, j = edges.T
+        edges = edges[is_active[i] & is_active[j] & (labels[i] == labels[j])]
+        if number == 0:
+            edges = edges[_agree(surface, edges) > min_cosine]
+        i, j = edges.T
+        regrown = grow_regions(edges[rest[i] & rest[j]], rest, surface.curvature)
         labels = np.where(rest, np.where(regrown >= 0, regrown + num, -1), labels).astype(np.int32)
         labels = keep_large(labels, min_elements)
-    planes = plane_of_segments(points, surface.normal, labels, int(labels.max(initial=-1)) + 1)
+        is_active &= labels >= 0
+    planes = _planes_of(surface, points, labels, is_active, int(labels.max(initial=-1)) + 1)
     bad = (labels >= 0) & (planes.rms > max_rms)[labels] if len(planes.rms) else np.zeros(len(labels), bool)
     return keep_large(np.where(bad, -1, labels).astype(np.int32), min_elements)
+
+
+def _planes_of(
+    surface: Surface, points: np.ndarray, labels: np.ndarray, is_active: np.ndarray, num: int
+) -> SegmentPlanes:
+    """Planes of the active elements' segments; those of other segments are empty."""
+    rows = np.flatnonzero(is_active)
+    return plane_of_segments(points[rows], surface.normal[rows], labels[rows], num)
 
 
 def _peel(surface, points, labels, in_bad, num, distance, min_cosine):
@@ -75,9 +86,9 @@ def _peel(surface, points, labels, in_bad, num, distance, min_cosine):
     return inlier
 
 
-def _agree(surface: Surface) -> np.ndarray:
-    """Cosine between the normals of each pair; absolute where a sign is unknown."""
-    i, j = surface.pairs.T
+def _agree(surface: Surface, pairs: np.ndarray) -> np.ndarray:
+    """Cosine between the normals of pairs; absolute where a sign is unknown."""
+    i, j = pairs.T
     cosine = np.einsum("ij,ij->i", surface.normal[i], surface.normal[j])
     return np.where(surface.is_signed[i] & surface.is_signed[j], cosine, np.abs(cosine))
 
@@ -109,7 +120,10 @@ def extend_segments(
     rows = np.flatnonzero(labels >= 0)
     labels = labels.copy()
     labels[rows[fits(rows, labels[rows]) > distance]] = -1
+    has_label = labels >= 0
     i, j = surface.pairs.T
+    is_open = ~(has_label[i] & has_label[j])
+    i, j = i[is_open], j[is_open]
     for _ in range(num_steps):
         has_label = labels >= 0
         forward, backward = has_label[j] & ~has_label[i], has_label[i] & ~has_label[j]

@@ -34,7 +34,7 @@ class PlaneMap(eqx.Module):
 def extract_planes(
     grid: VoxelGrid, *, size: int = 5, max_angle: float = 15.0, max_curvature: float = 0.12,
     tolerance: float = 1.0, max_rms: float = 0.7, merge_angle: float = 6.0, gap: float = 10.0,
-    min_voxels: int = 15, min_width: float = 3.5, chamfer_reach: float = 3.5, max_planes: int = 512,
+    min_voxels: int = 15, min_width: float = 3.5, chamfer_reach: float = 4.0, max_planes: int = 512,
 ) -> PlaneMap:  # fmt: skip
     """Find the planes of a map: grow, split, merge and extend, fit.
 

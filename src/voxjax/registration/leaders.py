@@ -18,6 +18,9 @@ CONFLICT_WEIGHT = 6.0
 COARSE_CONFLICT_WEIGHT = 3.0
 """A conflict before refinement is less certain."""
 
+DISTINCT_VOXELS, DISTINCT_DEGREES = 5.0, 4.0
+"""Refined poses nearer to each other than both are one."""
+
 COARSE_FACTOR = 3
 """Tolerance before refinement, as the width of a coarse cell [voxel]."""
 
@@ -196,11 +199,38 @@ def find_leaders(
     coarse = judge_poses(a, b, poses[rows], num_points=1024, is_coarse=True)
     rows = rows[best(poses[rows], coarse.score(COARSE_CONFLICT_WEIGHT), 2.0, 1.5, num_refined)]
     refined = refine_poses(a, b, poses[rows], num_points=1024, num_steps=15)
-    kept = best(refined, judge_poses(a, b, refined, num_points=4096).score(), 5.0, 4.0, num_leaders)
+    kept = best(
+        refined,
+        judge_poses(a, b, refined, num_points=4096).score(),
+        DISTINCT_VOXELS,
+        DISTINCT_DEGREES,
+        num_leaders,
+    )
     rows, refined = rows[kept], refined[kept]
     refined = refine_poses(
         a, b, refined, num_points=8192, num_steps=12, start_distance=2.5, final_distance=1.0
     )
     judgement = judge_poses(a, b, refined, num_points=None)
-    kept = best(refined, judgement.score(), 5.0, 4.0, num_leaders)
+    kept = best(refined, judgement.score(), DISTINCT_VOXELS, DISTINCT_DEGREES, num_leaders)
     return Leaders(refined[kept], Judgement(*(part[kept] for part in judgement)), rows[kept])
+
+
+def merge_leaders(
+    a: PreparedMap, b: PreparedMap, first: Leaders, second: Leaders, *, num_leaders: int
+) -> tuple[Leaders, np.ndarray]:
+    """The best distinct poses of two sets of leaders.
+
+    Returns:
+        Leaders (their `rows` still count within the set each came from), and their rows in both sets, one after the
+        other.
+    """
+    poses = np.concatenate([first.poses, second.poses])
+    judgement = Judgement(
+        *(np.concatenate(parts) for parts in zip(first.judgement, second.judgement, strict=True))
+    )
+    chosen = distinct_poses(
+        poses, judgement.score(), np.asarray(b.centroid, np.float64), metres=DISTINCT_VOXELS * a.grid.voxel_size,
+        degrees=DISTINCT_DEGREES, max_count=num_leaders,
+    )  # fmt: skip
+    rows = np.concatenate([first.rows, second.rows])[chosen]
+    return Leaders(poses[chosen], Judgement(*(part[chosen] for part in judgement)), rows), chosen

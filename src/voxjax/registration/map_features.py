@@ -1,8 +1,9 @@
-"""`MapFeatures`: what the hypotheses of a map's pairs are made from, computed once a map."""
+"""`MapFeatures`: what the hypotheses of a map's pairs are made from; each part computed once, when first asked for."""
 
+import dataclasses
 from collections.abc import Sequence
+from functools import cached_property
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Float32
 
@@ -10,7 +11,7 @@ from ..features.corners import corners_of_planes
 from ..features.types import Corners
 from ..grid import VoxelGrid
 from ..matching.descriptors import MapDescriptors, describe_map
-from ..planes.extract import PlaneMap, extract_planes
+from ..planes.extract import extract_planes
 from . import prepared as prepared_maps
 from .prepared import PreparedMap, prepare_map
 from .rotations import dominant_directions, sample_normals
@@ -19,33 +20,57 @@ DIRECTION_PLANARITY = 0.5
 """Voxels at least so planar vote for directions."""
 
 
-class MapFeatures(eqx.Module):
-    """One map with its fields, corners and directions.
+class LateFeatures:
+    """Corners and descriptors of a map: they take longest, and many pairs are decided without them."""
+
+    def __init__(self, grid: VoxelGrid, max_virtual: int):
+        """Compute nothing yet."""
+        self._grid, self._max_virtual = grid, max_virtual
+        self._descriptors: dict[bool, MapDescriptors] = {}
+
+    @cached_property
+    def corners(self) -> Corners:
+        """Observed and virtual corners."""
+        planes = extract_planes(self._grid)
+        return corners_of_planes(self._grid, planes, virtual=True, max_virtual=self._max_virtual)
+
+    def descriptors(self, *, use_free_space: bool) -> MapDescriptors:
+        """Local descriptors; both maps of a pair must agree on whether free space signs their normals."""
+        if use_free_space not in self._descriptors:
+            self._descriptors[use_free_space] = describe_map(self._grid, use_free_space=use_free_space)
+        return self._descriptors[use_free_space]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class MapFeatures:
+    """One map with its fields and directions, and with corners and descriptors on demand.
 
     Attributes:
         prepared: Fields and surface.
-        corners: Observed and virtual corners.
         directions: Dominant unsigned normals, strongest first.
         shares: Share of the surface along each.
         normals: Normals drawn by leverage, that rotations are judged by.
-        descriptors: Local descriptors; None where they were not asked for.
+        late: Corners and descriptors.
     """
 
     prepared: PreparedMap
-    corners: Corners
     directions: Float[np.ndarray, "k 3"]
     shares: Float[np.ndarray, "k"]
     normals: Float32[np.ndarray, "s 3"]
-    descriptors: MapDescriptors | None
+    late: LateFeatures
+
+    @property
+    def corners(self) -> Corners:
+        """Observed and virtual corners."""
+        return self.late.corners
 
 
-def map_features(grid: VoxelGrid, *, max_virtual: int, with_descriptors: bool = True) -> MapFeatures:
-    """Compute the features of a map that has occupied voxels.
+def map_features(grid: VoxelGrid, *, max_virtual: int) -> MapFeatures:
+    """Features of a map that has occupied voxels.
 
     Args:
         grid: At the working voxel size.
         max_virtual: Largest number of virtual corners.
-        with_descriptors: Whether local descriptors are computed.
     """
     prepared = prepare_map(grid)
     count = prepared.num_points
@@ -53,23 +78,16 @@ def map_features(grid: VoxelGrid, *, max_virtual: int, with_descriptors: bool = 
     leverage = planarity.astype(np.float64) * np.asarray(prepared.weights)[:count]
     is_planar = planarity > DIRECTION_PLANARITY
     directions, shares = dominant_directions(normals[is_planar], planarity[is_planar])
-    plane_map: PlaneMap = extract_planes(prepared.grid)
     return MapFeatures(
         prepared=prepared,
-        corners=corners_of_planes(prepared.grid, plane_map, virtual=True, max_virtual=max_virtual),
         directions=directions,
         shares=shares,
         normals=sample_normals(normals, leverage if leverage.sum() > 0 else np.ones(count)),
-        descriptors=describe(prepared, use_free_space=prepared.has_free_space) if with_descriptors else None,
+        late=LateFeatures(prepared.grid, max_virtual),
     )
 
 
 def share_sizes(features: Sequence[MapFeatures]) -> list[MapFeatures]:
     """The same features with arrays of one size (`prepared.share_sizes`)."""
     padded = prepared_maps.share_sizes([f.prepared for f in features])
-    return [eqx.tree_at(lambda m: m.prepared, f, p) for f, p in zip(features, padded, strict=True)]
-
-
-def describe(prepared: PreparedMap, *, use_free_space: bool) -> MapDescriptors:
-    """Local descriptors of a map; both maps of a pair must agree on whether free space signs their normals."""
-    return describe_map(prepared.grid, use_free_space=use_free_space)
+    return [dataclasses.replace(f, prepared=p) for f, p in zip(features, padded, strict=True)]

@@ -2,8 +2,8 @@
 
 import time
 from collections.abc import Callable
+from typing import NamedTuple
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 
@@ -11,7 +11,7 @@ from .corner_hypotheses import frame_poses, subgraph_poses
 from .descriptor_hypotheses import descriptor_hypotheses
 from .exhaustive import exhaustive_hypotheses, upright_frame
 from .leaders import distinct_poses, rank_poses
-from .map_features import MapFeatures, describe
+from .map_features import MapFeatures
 from .rotations import rotation_hypotheses
 
 MAX_FRAME_POSES = 256
@@ -21,20 +21,16 @@ UPRIGHT_COSINE = np.cos(np.radians(8.0))
 """Maps that are gravity aligned may still lean by so much against each other."""
 
 
-class Proposals(eqx.Module):
+class Proposals(NamedTuple):
     """Candidate poses and where each comes from.
 
     Attributes:
         poses: float32 (k, 4, 4) `T_a_b`.
         sources: One name a pose.
-        stats: Counts for the report.
-        seconds: {source: s}.
     """
 
     poses: Float[np.ndarray, "k 4 4"]
     sources: tuple[str, ...]
-    stats: dict
-    seconds: dict
 
 
 class ProposalCollector:
@@ -70,6 +66,8 @@ class ProposalCollector:
         """Add the best poses of single corner pairs."""
 
         def propose() -> None:
+            self.stats["num_corners_a"] = self._a.corners.num_listed
+            self.stats["num_corners_b"] = self._b.corners.num_listed
             found = frame_poses(self._a.corners, self._b.corners)
             poses, is_observed = found.poses, found.is_observed
             if self._gravity_aligned:
@@ -111,14 +109,8 @@ class ProposalCollector:
         """Add the poses of the cliques of matched local descriptors."""
 
         def propose() -> None:
-            maps = (self._a, self._b)
-            use_free_space = all(m.prepared.has_free_space for m in maps)
-            described = [
-                m.descriptors
-                if m.descriptors is not None and m.prepared.has_free_space == use_free_space
-                else describe(m.prepared, use_free_space=use_free_space)
-                for m in maps
-            ]
+            use_free_space = self._a.prepared.has_free_space and self._b.prepared.has_free_space
+            described = [m.late.descriptors(use_free_space=use_free_space) for m in (self._a, self._b)]
             poses, sizes = descriptor_hypotheses(described[0], described[1], max_hypotheses=max_poses)
             self.stats["descriptor_clique_size"] = int(sizes[0]) if len(sizes) else 0
             self.stats["num_hypotheses"] += len(poses)
@@ -144,7 +136,9 @@ class ProposalCollector:
 
         self._timed("exhaustive search", propose)
 
-    def collected(self) -> Proposals:
-        """All poses so far."""
+    def take(self) -> Proposals:
+        """All poses added since the last call."""
         poses = np.concatenate(self._poses) if self._poses else np.zeros((0, 4, 4), np.float32)
-        return Proposals(poses, tuple(self._sources), dict(self.stats), dict(self.seconds))
+        taken = Proposals(poses, tuple(self._sources))
+        self._poses, self._sources = [], []
+        return taken
