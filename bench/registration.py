@@ -1,194 +1,232 @@
-"""Recall, wrong accepts, errors and times of `voxjax.register`, by preset, on test maps and on generated ones.
+"""Recall, wrong accepts, errors and times of `voxjax.register`, beside peers on the same maps in the same run.
 
-    python -m bench registration [--maps FOLDER] [--only sim,real] [--presets default,paper] [--generated N] [--seed S]
+    python -m bench registration [--peers kiss-matcher,open3d] [--generated N --seed S] [--maps FOLDER --only sim,real]
 
 A pose is right when its rotation is within 3 degrees and map b's centroid within 0.4 m or 3 voxels of the truth; for
-real maps, within the tolerances of their truth files.
+real maps, within the tolerances of their truth files, also when they are re-framed or coarsened. Methods take turns
+pair by pair, so that slow spells of the machine hit all alike. The JSON file is written after every pair.
 """
 
 import argparse
+import importlib.metadata
 import json
 import os
 import platform
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import jax
 import numpy as np
 
 import voxjax as vx
+from bench.cases import Case, folder_cases, generated_cases
+from bench.peers import Peer, load_peers, run_peer
+from bench.plots import draw_plots
+from bench.summary import Row, markdown, summarize
 from bench.timing import setting
-from bench.worlds import pair_case
-from voxjax.metrics import pose_error
+from bench.worlds import MapPair
+from voxjax.io.atomic import write_bytes
 
+DEFAULT_MAPS = Path(os.environ.get("VOXJAX_MAPS", "../shared/maps"))
+PRESETS = ("default", "paper")
 
-def cases_in(folder: Path, kinds: list[str], names: list[str]) -> list[dict]:
-    """Pairs with a truth file below `folder`, with lazily read maps."""
-    cases = []
-    for kind in kinds:
-        for path in sorted((folder / kind).glob("*/truth.json")):
-            truth = json.loads(path.read_text())
-            name = f"{kind}/{path.parent.name}"
-            if truth["kind"] == "team" or (names and not any(n in name for n in names)):
-                continue
-            files = [
-                next(f for f in (path.parent / f"{m}.bt", path.parent / f"{m}.ply") if f.exists())
-                for m in "ab"
-            ]
-            size = truth["resolution"]
-            cases.append(
-                {
-                    "name": name,
-                    "kind": truth["kind"],
-                    "load": lambda f=files, v=size, t=truth: _read(f, v, t),
-                    **_bounds(truth),
-                }
-            )
-    return cases
-
-
-def _read(
-    files: list[Path], voxel_size: float, truth: dict
-) -> tuple[vx.VoxelGrid, vx.VoxelGrid, np.ndarray | None]:
-    a, b = (vx.read_map(f, voxel_size=voxel_size if f.suffix == ".ply" else None) for f in files)
-    T = truth.get("T_a_b")
-    return a, b, None if T is None else np.asarray(T)
-
-
-def _bounds(truth: dict) -> dict:
-    overlap = min(truth.get("overlap_b_in_a", 0.0), truth.get("overlap_a_in_b", 0.0))
-    return {
-        "overlap": overlap,
-        "degrees": truth.get("rot_tol_deg", 3.0),
-        "metres": truth.get("trans_tol_m", max(0.4, 3 * truth["resolution"])),
-    }
-
-
-def generated_cases(count: int, seed: int) -> list[dict]:
-    """Generated pairs: three of five of one building, others of different buildings or of equal rooms."""
-    cases = []
-    for case in (pair_case(seed + i) for i in range(count)):
-        cases.append(
-            {
-                "name": case.name,
-                "kind": case.kind,
-                "load": case.make,
-                "overlap": None,
-                "degrees": 3.0,
-                "metres": 0.4,
-            }
-        )
-    return cases
-
-
-def run_case(case: dict, preset: Literal["default", "paper"]) -> dict[str, Any]:
-    """Register one pair and hold it against the truth."""
-    a, b, truth = case["load"]()
-    start = time.perf_counter()
-    found = vx.register(a, b, preset=preset)
-    row: dict[str, Any] = {
-        "case": case["name"], "kind": case["kind"], "preset": preset, "overlap": case["overlap"],
-        "verdict": found.verdict, "confidence": round(found.confidence, 4), "seconds": time.perf_counter() - start,
-        "stages": found.stats["seconds"], "source": found.stats.get("source"), "right": None, "rank": None,
-        "clique_size": found.stats.get("clique_size"), "reason": found.reason,
-    }  # fmt: skip
-    if found.hypotheses:
-        best = found.hypotheses[0]
-        row |= {"score": best.score, "conflict": best.evidence.free_conflict,
-                "rival": found.hypotheses[1].score if len(found.hypotheses) > 1 else 0.0}  # fmt: skip
-    if truth is not None:
-        centroid = b.occupied_points().mean(axis=0, dtype=np.float64)
-        errors = [pose_error(h.T_a_b, truth, centroid) for h in found.hypotheses]
-        good = [e.degrees <= case["degrees"] and e.metres <= case["metres"] for e in errors]
-        row["right"] = bool(good and good[0])
-        row["rank"] = good.index(True) if True in good else None
-        if errors:
-            row |= {"degrees": errors[0].degrees, "metres": errors[0].metres}
-    return row
-
-
-def summary(rows: list[dict]) -> list[str]:
-    """The lines that matter: recall by overlap, wrong accepts by kind, errors, times."""
-    lines = []
-    for preset in sorted({r["preset"] for r in rows}):
-        mine = [r for r in rows if r["preset"] == preset]
-
-        def count(label: str, chosen: list[dict], lines: list[str] = lines, preset: str = preset) -> None:
-            right = [r for r in chosen if r["right"]]
-            accepted = sum(r["verdict"] == "accepted" for r in right)
-            wrong = [r["case"] for r in chosen if r["verdict"] == "accepted" and not r["right"]]
-            if chosen:
-                lines.append(
-                    f"| {preset} | {label} | {len(right)}/{len(chosen)} | {accepted} | {len(wrong)} {' '.join(wrong)} |"
-                )
-
-        for origin in sorted({r["case"].split("/")[0] for r in mine}):
-            here = [r for r in mine if r["case"].startswith(origin)]
-            pairs = [r for r in here if r["kind"] == "pair"]
-            known = [r for r in pairs if r["overlap"] is not None]
-            if origin == "sim":
-                count("sim, overlap >= 0.2", [r for r in known if r["overlap"] >= 0.2])
-                count("sim, overlap < 0.2", [r for r in known if r["overlap"] < 0.2])
-            else:
-                count(f"{origin}, one place", pairs)
-            count(f"{origin}, equal rooms", [r for r in here if r["kind"] == "hotel"])
-            count(f"{origin}, different buildings", [r for r in here if r["kind"] == "none"])
-        right = [r for r in mine if r["right"]]
-        if right:
-            degrees, metres = (np.median([r[k] for r in right]) for k in ("degrees", "metres"))
-            lines.append(
-                f"| {preset} | median error of the right ones | {degrees:.2f} deg, {metres:.3f} m | | |"
-            )
-        times = [r["seconds"] for r in mine]
-        lines.append(
-            f"| {preset} | seconds a pair, median and 95th percentile | "
-            f"{np.median(times):.1f}, {np.percentile(times, 95):.1f} | | |"
-        )
-    return lines
+Method = Callable[[Case, MapPair], Row]
 
 
 def main(argv: list[str]) -> int:
-    """Run the benchmark; prints a row a pair and a summary, and writes JSON."""
-    parser = argparse.ArgumentParser(prog="python -m bench registration", description=__doc__)
-    parser.add_argument("--maps", type=Path, default=Path(os.environ.get("VOXJAX_MAPS", "../shared/maps")))
-    parser.add_argument("--only", default="sim,real", help="folders of the maps to take")
-    parser.add_argument("--case", action="append", default=[], help="only cases whose name contains this")
-    parser.add_argument("--presets", default="default,paper")
-    parser.add_argument("--generated", type=int, default=0, help="also so many generated pairs")
-    parser.add_argument("--seed", type=int, default=1000)
-    parser.add_argument("--out", type=Path, default=Path("bench/out/registration.json"))
-    args = parser.parse_args(argv)
-    cases = (
-        cases_in(args.maps, [k for k in args.only.split(",") if k], args.case) if args.maps.is_dir() else []
-    )
-    cases += generated_cases(args.generated, args.seed)
-    if not cases:
-        print(
-            f"no pairs below {args.maps}; name a folder with --maps or ask for --generated N", file=sys.stderr
-        )
+    """Run the benchmark; prints a line for each pair and method and a summary, and writes JSON."""
+    args = _parse(argv)
+    try:
+        return _run(args)
+    except vx.InputError as error:
+        print(f"bench registration: {error}", file=sys.stderr)
         return 2
+
+
+def _parse(argv: list[str]) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="python -m bench registration",
+        description=__doc__,
+        formatter_class=argparse.RawTextHelpFormatter,
+    )
+    parser.add_argument(
+        "--maps", type=Path, help="folder of test maps; default: VOXJAX_MAPS or ../shared/maps"
+    )
+    parser.add_argument("--only", default="sim,real", help='folders of the maps to take; "" takes none')
+    parser.add_argument("--case", action="append", default=[], help="only cases whose name contains this")
+    parser.add_argument("--presets", default="default", help="of voxjax, by comma; default: default")
+    parser.add_argument("--peers", default="", help="other systems, by comma: kiss-matcher, open3d")
+    parser.add_argument("--generated", type=int, default=60, help="fresh generated pairs; default: 60")
+    parser.add_argument("--seed", type=int, default=1000, help="of the generated pairs and re-framings")
+    parser.add_argument(
+        "--reframings", type=int, default=0, help="variants of each real pair, turned and shifted"
+    )
+    parser.add_argument("--half", action="store_true", help="also each real pair at twice the voxel size")
+    parser.add_argument("--warm", action="store_true", help="call each method once before the timed call")
+    parser.add_argument("--plot", type=Path, metavar="FOLDER", help="write recall.png and errors.png there")
+    parser.add_argument("--out", type=Path, default=Path("bench/out/registration.json"))
+    parser.add_argument("--resume", action="store_true", help="keep the rows of --out, run what is missing")
+    return parser.parse_args(argv)
+
+
+def _run(args: argparse.Namespace) -> int:
+    peers = load_peers(_names(args.peers))
+    methods = {f"voxjax {preset}": _voxjax(preset) for preset in _presets(args.presets)}
+    methods |= {peer.name: _peer(peer) for peer in peers}
+    if not methods:
+        raise vx.InputError("there is nothing to run: name a preset with --presets or a peer with --peers.")
+    cases = _cases(args)
+    settings = {"maps": str(args.maps or DEFAULT_MAPS), "warm": args.warm}
+    rows = _resumed(args.out, settings) if args.resume else []
     print(setting())
-    rows = []
-    for case in cases:
-        for preset in args.presets.split(","):
-            row = run_case(case, preset)
+    environment = _environment(peers)
+    for turn, case in enumerate(cases):
+        done = {row["method"] for row in rows if row["case"] == case.name}
+        names = [name for name in methods if name not in done]
+        if not names:
+            continue
+        pair = case.load()
+        shift = turn % len(names)
+        for name in names[shift:] + names[:shift]:
+            row = _measure(name, methods[name], case, pair, warm=args.warm)
             rows.append(row)
-            error = f"{row['degrees']:6.2f} deg {row['metres']:6.3f} m" if "degrees" in row else " " * 21
-            print(
-                f"{row['case']:28s} {preset:8s} {row['verdict']:10s} {row['confidence']:.3f} {error} "
-                f"right={row['right']!s:5s} rank={row['rank']!s:4s} "
-                f"{row.get('score', 0):.3f}/{row.get('rival', 0):.3f} "
-                f"{row['seconds']:6.1f} s  {row['source']}",
-                flush=True,
-            )
-    print("\n| preset | pairs | right | of them accepted | wrong accepts |\n|---|---|---|---|---|")
-    print("\n".join(summary(rows)))
-    args.out.parent.mkdir(parents=True, exist_ok=True)
-    meta = {"python": platform.python_version(), "jax": jax.__version__, "device": str(jax.devices()[0])}
-    args.out.write_text(json.dumps({"environment": meta, "rows": rows}, indent=1))
+            print(_line(row), flush=True)
+        _save(args.out, {"environment": environment, "settings": settings, "rows": rows})
+    order = list(methods)
+    rows.sort(key=lambda row: order.index(row["method"]) if row["method"] in order else len(order))
+    print(f"\n{markdown(rows)}")
+    contents = {"environment": environment, "settings": settings, "summary": summarize(rows), "rows": rows}
+    _save(args.out, contents)
+    if args.plot is not None:
+        print("\n" + "\n".join(f"wrote {path}" for path in draw_plots(rows, args.plot)))
     return 0
+
+
+def _names(text: str) -> list[str]:
+    return list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
+
+
+def _presets(text: str) -> list[str]:
+    names = _names(text)
+    for name in names:
+        if name not in PRESETS:
+            raise vx.InputError(f"preset {name!r} is not known; choose from {', '.join(PRESETS)}.")
+    return names
+
+
+def _cases(args: argparse.Namespace) -> list[Case]:
+    cases: list[Case] = []
+    sources, root = _names(args.only), args.maps or DEFAULT_MAPS
+    if sources and root.is_dir():
+        cases = folder_cases(
+            root, sources, num_reframings=args.reframings, with_half=args.half, seed=args.seed
+        )
+    elif args.maps is not None and sources:
+        raise vx.InputError(f"--maps {args.maps} is no folder; name the folder of test maps.")
+    elif sources:
+        print(f"no folder {root}: generated pairs only; name test maps with --maps")
+    cases += generated_cases(args.generated, args.seed)
+    cases = [case for case in cases if not args.case or any(part in case.name for part in args.case)]
+    if not cases:
+        raise vx.InputError(
+            "there is no pair to run; check --maps, --only and --case, or give --generated N."
+        )
+    return cases
+
+
+def _voxjax(preset: Any) -> Method:
+    def run(case: Case, pair: MapPair) -> Row:
+        start = time.perf_counter()
+        found = vx.register(pair.a, pair.b, preset=preset)
+        seconds = time.perf_counter() - start
+        leaders = found.hypotheses
+        row: Row = {
+            "seconds": seconds, "verdict": found.verdict, "accepted": found.accepted, "reason": found.reason,
+            "confidence": float(found.confidence), "stages": found.stats["seconds"],
+            "clique_size": found.stats.get("clique_size"),
+        }  # fmt: skip
+        if leaders:
+            row |= {
+                "source_of_pose": leaders[0].source, "score": float(leaders[0].score),
+                "conflict": float(leaders[0].evidence.free_conflict),
+                "rival": float(leaders[1].score) if len(leaders) > 1 else 0.0,
+            }  # fmt: skip
+        return row | case.judge([np.asarray(h.T_a_b) for h in leaders], pair.T_a_b, _centroid(pair))
+
+    return run
+
+
+def _peer(peer: Peer) -> Method:
+    def run(case: Case, pair: MapPair) -> Row:
+        a, b = pair.a.occupied_points(), pair.b.occupied_points()
+        is_real = case.source not in ("sim", "generated")
+        answer = run_peer(peer, a, b, voxel_size=max(pair.a.voxel_size, pair.b.voxel_size), is_real=is_real)
+        verdict = {None: "-", True: "valid", False: "not valid"}[answer.is_valid]
+        row: Row = {
+            "seconds": answer.seconds, "refine_seconds": answer.refine_seconds, "verdict": verdict,
+            "accepted": answer.is_valid, "score": answer.score,
+        }  # fmt: skip
+        return row | case.judge([answer.T_a_b], pair.T_a_b, _centroid(pair))
+
+    return run
+
+
+def _measure(name: str, method: Method, case: Case, pair: MapPair, *, warm: bool) -> Row:
+    """The method's row; with `warm` of its second call, and the time of the first beside it."""
+    first = {"first_seconds": method(case, pair)["seconds"]} if warm else {}
+    about: Row = {
+        "case": case.name, "method": name, "source": case.source, "kind": case.kind, "rotation": case.rotation,
+        "overlap": pair.overlap, "options": case.options, "voxel_size": pair.a.voxel_size,
+        "num_occupied": [pair.a.num_occupied, pair.b.num_occupied],
+    }  # fmt: skip
+    return about | first | method(case, pair)
+
+
+def _centroid(pair: MapPair) -> np.ndarray:
+    return pair.b.occupied_points().mean(axis=0, dtype=np.float64)
+
+
+def _line(row: Row) -> str:
+    error = " " * 21 if row["degrees"] is None else f"{row['degrees']:6.2f} deg {row['metres']:6.3f} m"
+    return (
+        f"{row['case']:32s} {row['overlap']:.2f} {row['method']:15s} {row['verdict']:10s} {error} "
+        f"right={row['right']!s:5s} rank={row['rank']!s:4s} {row['seconds']:6.1f} s  "
+        f"{row.get('score', 0.0):.3f} {row.get('source_of_pose', '')}"
+    )
+
+
+def _environment(peers: list[Peer]) -> dict[str, Any]:
+    versions = {name: importlib.metadata.version(name) for name in ("jax", "jaxlib", "numpy")}
+    for peer in peers:
+        versions |= peer.versions()
+    return {
+        "python": platform.python_version(), "voxjax": vx.__version__, "device": str(jax.devices()[0]),
+        "cores": os.cpu_count(), "versions": versions,
+    }  # fmt: skip
+
+
+def _save(path: Path, contents: dict[str, Any]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_bytes(path, json.dumps(contents, indent=1).encode(), force=True)
+
+
+def _resumed(path: Path, settings: dict[str, Any]) -> list[Row]:
+    """Rows of an earlier run, if it read the same maps in the same way; none if there is no file yet."""
+    if not path.exists():
+        return []
+    try:
+        earlier = json.loads(path.read_text())
+        rows, before = earlier["rows"], earlier["settings"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise vx.InputError(f"{path} is no result that can be resumed; leave out --resume.") from error
+    if before != settings:
+        raise vx.InputError(
+            f"{path} was run with {before}, not {settings}; leave out --resume or change --out."
+        )
+    return rows
 
 
 if __name__ == "__main__":

@@ -1,16 +1,41 @@
-"""Generated pairs for the benchmarks: one building seen twice, different buildings, equal rooms."""
+"""Generated pairs for the benchmarks: one building seen twice, different buildings, equal rooms.
+
+Kinds and frames take turns, the rest is drawn from the seed and the pair's number: other seeds share no map.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from voxjax import VoxelGrid
 from voxjax.synthetic import Team, different_buildings, simulate_hotel, simulate_team
+from voxjax.synthetic.building import make_building
 
-KINDS = ("pair", "pair", "pair", "none", "pair", "none", "pair", "hotel")
+KINDS = ("pair", "pair", "hotel", "pair", "none", "pair", "pair", "hotel", "pair", "none")
+LARGE = (1, 3, 6)
+"""Turns of `KINDS` that take a large building."""
 FRAMES = ("yaw", "tilt", "so3")
-OVERLAPS = (0.2, 0.4, 0.65)
+VOXEL_SIZES = (0.1, 0.1, 0.1, 0.2)
+
+
+@dataclass(frozen=True)
+class MapPair:
+    """Two maps and what is known of them.
+
+    Attributes:
+        a: First map.
+        b: Second map.
+        T_a_b: (4, 4) true pose, None where there is none.
+        overlap: Share of the occupied voxels of one map that lie on the other under the truth; the smaller of both
+            ways, 0 where there is no truth.
+    """
+
+    a: VoxelGrid
+    b: VoxelGrid
+    T_a_b: np.ndarray | None
+    overlap: float
 
 
 @dataclass(frozen=True)
@@ -18,35 +43,63 @@ class PairCase:
     """One generated pair; the maps are made when they are asked for.
 
     Attributes:
-        name: With the seed.
+        name: With the seed and the number.
         kind: "pair", "none" (different buildings) or "hotel" (equal rooms).
-        make: Gives the maps and the truth `T_a_b`, None where there is none.
+        frame: How the maps' frames lie: "yaw", "tilt" or "so3".
+        voxel_size: Of both maps [m].
+        options: What was drawn: options of the simulation.
+        make: Gives the maps and the truth.
     """
 
     name: str
     kind: str
-    make: Callable[[], tuple[VoxelGrid, VoxelGrid, np.ndarray | None]]
+    frame: str
+    voxel_size: float
+    options: dict[str, Any]
+    make: Callable[[], MapPair]
 
 
-def pair_case(seed: int) -> PairCase:
-    """The pair of a seed: kinds, frames and overlaps take turns, so that any run of eight seeds has each kind."""
-    kind, frame = KINDS[seed % len(KINDS)], FRAMES[seed // len(KINDS) % len(FRAMES)]
-    overlap = OVERLAPS[seed // 3 % len(OVERLAPS)]
-    options = {"frame": frame, "clutter": 0.4 + 0.16 * (seed % 10), "skew": (0.0, 0.15, 0.3)[seed % 3]}
+def pair_case(seed: int, number: int) -> PairCase:
+    """The pair of that number of a seed; any ten numbers in a row have six of one building, two of each other kind."""
+    world_seed = int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
+    rng = np.random.default_rng([seed, number, 1])
+    # The turn of frames is slower than that of kinds, so that each kind meets each frame.
+    kind, frame = KINDS[number % len(KINDS)], FRAMES[(number + number // len(KINDS)) % len(FRAMES)]
+    options: dict[str, Any] = {
+        "frame": frame,
+        "voxel_size": float(rng.choice(VOXEL_SIZES)),
+        "drift": round(float(rng.uniform(0.01, 0.06)), 4),
+    }
+    if kind == "hotel":
+        options |= {"rooms_per_side": int(rng.integers(4, 7)), "shared_columns": int(rng.integers(1, 5))}
+        simulate = simulate_hotel
+    else:
+        # Few rooms in common are drawn more often: maps overlap by far more than the share of rooms, for robots look
+        # through doors, map both sides of walls and miss rooms. Only large buildings give overlaps below 0.2.
+        is_large = number % len(KINDS) in LARGE
+        options |= {
+            "overlap": round(0.02 + 0.58 * float(rng.random()) ** 2 * (0.5 if is_large else 1.0), 3),
+            "clutter": round(float(rng.uniform(0.4, 2.0)), 3),
+            "skew": float(rng.choice((0.0, 0.15, 0.3))),
+        }
+        if is_large:
+            options |= {"width": round(float(rng.uniform(26.0, 34.0)), 2), "num_rows": 4}
+        simulate = different_buildings if kind == "none" else _one_building
 
-    def make() -> tuple[VoxelGrid, VoxelGrid, np.ndarray | None]:
-        if kind == "none":
-            a, b = different_buildings(seed, **options).grids
-            return a, b, None
-        if kind == "hotel":
-            return _with_truth(simulate_hotel(seed, frame=frame, overlap=overlap))
-        return _with_truth(simulate_team(seed, overlap=overlap, **options))
+    def make() -> MapPair:
+        return _as_pair(simulate(world_seed, **options))
 
-    return PairCase(f"generated/{kind}_{seed}", kind, make)
+    name = f"generated/{kind}_{seed}_{number}"
+    return PairCase(name, kind, frame, options["voxel_size"], options, make)
 
 
-def _with_truth(team: Team) -> tuple[VoxelGrid, VoxelGrid, np.ndarray]:
-    T_world_a, T_world_b = team.poses[:2]
-    assert T_world_a is not None
-    assert T_world_b is not None
-    return team.grids[0], team.grids[1], np.linalg.inv(T_world_a) @ T_world_b
+def _one_building(seed: int, *, width: float | None = None, num_rows: int = 3, **options: Any) -> Team:
+    """Two robots in one building of that width [m] and so many rows of rooms."""
+    shape = {"clutter": options.pop("clutter"), "skew": options.pop("skew")}
+    building = make_building(np.random.default_rng([seed, 0]), width=width, num_rows=num_rows, **shape)
+    return simulate_team(seed, building=building, **options)
+
+
+def _as_pair(team: Team) -> MapPair:
+    overlap = min(team.overlap(0, 1), team.overlap(1, 0))
+    return MapPair(team.grids[0], team.grids[1], team.true_pose(0, 1), overlap)
