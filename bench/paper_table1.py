@@ -7,7 +7,7 @@ of it; a detection is correct if it lies within two voxels of any true corner, s
 walls meet floor or ceiling, are the paper's kind; corners of furniture and of door and window frames are counted
 beside them.
 
-    python -m bench paper_table1 [--seeds 11 12 13 14] [--voxel-size 0.1]
+    python -m bench paper_table1 [--seeds 11 12 13 14] [--voxel-size 0.1] [--drift 0.03] [--presets default,paper]
 """
 
 import argparse
@@ -118,11 +118,17 @@ def main(argv: list[str] | None = None) -> int:
     )
     parser.add_argument("--seeds", type=int, nargs="+", default=[11, 12, 13, 14])
     parser.add_argument("--voxel-size", type=float, default=0.1)
+    parser.add_argument(
+        "--drift", type=float, default=0.03, help="of the positions that the mapper believes in [m]"
+    )
+    parser.add_argument("--presets", default="default,paper")
     options = parser.parse_args(argv)
-    results: dict[str, list[dict]] = {"default": [], "paper": []}
+    results: dict[str, list[dict]] = {preset: [] for preset in options.presets.split(",")}
     frames = ("yaw", "tilt", "so3")
     for number, seed in enumerate(options.seeds):
-        team = simulate_team(seed, num_robots=1, frame=frames[number % 3], voxel_size=options.voxel_size)
+        team = simulate_team(
+            seed, num_robots=1, frame=frames[number % 3], voxel_size=options.voxel_size, drift=options.drift
+        )
         T_map_world = np.linalg.inv(np.asarray(team.poses[0], np.float64))
         position = team.corners.position @ T_map_world[:3, :3].T + T_map_world[:3, 3]
         normals = team.corners.normals @ T_map_world[:3, :3].T

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int, Int32
 from scipy.spatial import KDTree
 
-from .._checks import check_choice
+from .._checks import InputError, check_choice
 from .._results import RESULTS
 from .._types import Array
 from ..features.types import Corners
@@ -17,6 +17,7 @@ from .backtracking import Extend, backtrack
 from .clique import MAX_SEARCH_NODES as MAX_CLIQUE_NODES
 from .clique import maximum_clique
 from .consistency import DISTANCE_TOLERANCE, ConsistencyGraph, consistency_graph
+from .weighted_clique import maximum_weight_clique
 
 Align = Callable[[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]], Float[np.ndarray, "4 4"]]
 """Transform `T_a_b` of matched points (of a, of b)."""
@@ -31,6 +32,9 @@ class CommonSubgraph(eqx.Module):
         completed: Whether the search ended inside its budget, so that no larger set exists.
         has_all_ties: Whether `ties` is complete.
         num_nodes: Nodes of the search tree that were visited.
+        near_ties: Sets smaller by `slack` associations at most that no other association extends, largest first.
+        has_all_near_ties: Whether `near_ties` is complete.
+        weight: Sum of the associations' weights; their number where none were given.
         result: `too_few_associations` below three, `budget_exhausted`, or `successful`.
     """
 
@@ -39,6 +43,9 @@ class CommonSubgraph(eqx.Module):
     completed: bool
     has_all_ties: bool
     num_nodes: int
+    near_ties: tuple[np.ndarray, ...]
+    has_all_near_ties: bool
+    weight: float
     result: RESULTS
 
     @property
@@ -76,7 +83,10 @@ def maximum_common_subgraph(
     early_transform: bool = False,
     align: Align | None = None,
     max_nodes: int | None = None,
+    max_seconds: float | None = None,
     max_ties: int = 64,
+    slack: int = 0,
+    weights: Float[Array, "w"] | None = None,
 ) -> CommonSubgraph:
     """Most associations of corners whose distances all agree, with every corner used once at most.
 
@@ -96,7 +106,12 @@ def maximum_common_subgraph(
             scheme.
         align: Transform of matched corners for it; None aligns the corners alone.
         max_nodes: Budget of the search; None takes the default of the method.
-        max_ties: Number of tied sets to keep.
+        max_seconds: Clique only: budget of time [s], or None. Where it ends a search, the result depends on the
+            machine.
+        max_ties: Number of tied sets to keep, and of near-ties.
+        slack: Clique only: also list sets that are smaller by so many associations at most.
+        weights: Clique only: a positive weight for each of the given associations; the set of the largest sum is
+            wanted then, and its ties are not listed.
 
     Returns:
         The associations with their ties; `RESULTS.budget_exhausted` if the budget was spent.
@@ -108,6 +123,14 @@ def maximum_common_subgraph(
         Section IV.B-C.
     """
     check_choice("method", method, ("clique", "backtracking"))
+    if method == "backtracking" and (slack or max_seconds is not None or weights is not None):
+        raise InputError('slack, max_seconds and weights need method="clique".')
+    if weights is not None and (associations is None or len(weights) != len(associations)):
+        raise InputError("weights need `associations`, one weight for each of them.")
+    if weights is not None and match_kinds:
+        raise InputError(
+            "weights and match_kinds exclude each other; leave out associations of other kinds yourself."
+        )
     graph = consistency_graph(
         corners_a,
         corners_b,
@@ -118,7 +141,14 @@ def maximum_common_subgraph(
         associations=associations,
     )
     if method == "clique":
-        return subgraph_from_graph(graph, max_nodes=max_nodes, max_ties=max_ties)
+        return subgraph_from_graph(
+            graph,
+            max_nodes=max_nodes,
+            max_seconds=max_seconds,
+            max_ties=max_ties,
+            slack=slack,
+            weights=weights,
+        )
     points = np.asarray(corners_a.position), np.asarray(corners_b.position)
     masks = np.asarray(corners_a.mask), np.asarray(corners_b.mask)
     extend = close_corners(*points, *masks, distance_tolerance, align) if early_transform else None
@@ -130,40 +160,63 @@ def maximum_common_subgraph(
         max_nodes=MAX_BACKTRACKING_NODES if max_nodes is None else max_nodes,
         max_schemes=max_ties,
     )
-    return _common_subgraph(found.schemes, found.completed, found.has_all_ties, found.num_nodes)
+    size = float(len(found.schemes[0]))
+    return _common_subgraph(found.schemes, found.completed, found.has_all_ties, found.num_nodes, size)
 
 
 def subgraph_from_graph(
-    graph: ConsistencyGraph, *, max_nodes: int | None = None, max_ties: int = 64
+    graph: ConsistencyGraph,
+    *,
+    max_nodes: int | None = None,
+    max_seconds: float | None = None,
+    max_ties: int = 64,
+    slack: int = 0,
+    weights: Float[Array, "w"] | None = None,
 ) -> CommonSubgraph:
     """Maximum clique of a consistency graph that was made before, as associations.
 
     Args:
         graph: From `consistency_graph`.
         max_nodes: Budget of the clique search, or None.
+        max_seconds: Budget of time [s], or None.
         max_ties: Number of tied sets to keep; 1 saves the search for ties.
+        slack: Also list sets that are smaller by so many associations at most.
+        weights: Weight of each association, positive; None counts them. Ties are not listed with weights.
     """
     count = graph.num_associations
-    clique = maximum_clique(
-        np.asarray(graph.adjacency)[:count, :count],
-        max_nodes=MAX_CLIQUE_NODES if max_nodes is None else max_nodes,
-        all_maximum=max_ties > 1,
-        max_cliques=max_ties,
-    )
+    adjacency = np.asarray(graph.adjacency)[:count, :count]
     pairs = np.asarray(graph.associations)
-    ties = tuple(pairs[tie] for tie in clique.ties)
-    return _common_subgraph(ties, clique.completed, clique.has_all_ties, clique.num_nodes)
+    limit = MAX_CLIQUE_NODES if max_nodes is None else max_nodes
+    if weights is not None:
+        heavy = maximum_weight_clique(
+            adjacency, np.asarray(weights), max_nodes=limit, max_seconds=max_seconds
+        )
+        return _common_subgraph(
+            (pairs[heavy.members],), heavy.completed, False, heavy.num_nodes, heavy.weight
+        )
+    clique = maximum_clique(
+        adjacency, max_nodes=limit, max_seconds=max_seconds, all_maximum=max_ties > 1, slack=slack,
+        max_cliques=max_ties,
+    )  # fmt: skip
+    ties, near = (tuple(pairs[members] for members in some) for some in (clique.ties, clique.near_ties))
+    return _common_subgraph(
+        ties, clique.completed, clique.has_all_ties, clique.num_nodes, float(len(clique.members)), near,
+        clique.has_all_near_ties,
+    )  # fmt: skip
 
 
 def _common_subgraph(
-    ties: tuple[np.ndarray, ...], completed: bool, has_all_ties: bool, num_nodes: int
-) -> CommonSubgraph:
+    ties: tuple[np.ndarray, ...], completed: bool, has_all_ties: bool, num_nodes: int, weight: float,
+    near_ties: tuple[np.ndarray, ...] = (), has_all_near_ties: bool = True,
+) -> CommonSubgraph:  # fmt: skip
     """Result with the code that fits."""
     if len(ties[0]) < 3:
         result = RESULTS.too_few_associations
     else:
         result = RESULTS.successful if completed else RESULTS.budget_exhausted
-    return CommonSubgraph(ties[0], ties, completed, has_all_ties, num_nodes, result)
+    return CommonSubgraph(
+        ties[0], ties, completed, has_all_ties, num_nodes, near_ties, has_all_near_ties, weight, result
+    )
 
 
 def close_corners(
