@@ -13,11 +13,11 @@ import os
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 import voxjax as vx
+from bench.peers import Peer, load_peers
 from bench.timing import setting
 from voxjax.matching.descriptors import describe_map, working_spacing
 from voxjax.metrics import pose_error
@@ -38,6 +38,11 @@ def main(argv: list[str]) -> int:
     if not options.maps or not Path(options.maps).is_dir():
         print("bench descriptors: give the folder of test maps by --maps or VOXJAX_MAPS.", file=sys.stderr)
         return 2
+    try:
+        peer = None if options.no_peer else load_peers(["kiss-matcher"])[0]
+    except vx.InputError as error:
+        print(f"bench descriptors: {error}", file=sys.stderr)
+        return 2
     print(setting())
     print(f"{'pair':<22}{'found':>7}{'rank':>6}{'size':>6}{'best':>6}{'deg':>6}{'m':>7}", end="")
     print(f"{'describe s':>12}{'match s':>9}   KISS-Matcher: found, inliers, deg, m, s")
@@ -45,7 +50,7 @@ def main(argv: list[str]) -> int:
     for folder in _folders(Path(options.maps), options.only):
         a, b, T, centroid = _load(folder)
         ours = _hypotheses(a, b, T, centroid)
-        line, peer_right = ("", False) if options.no_peer else _kiss_matcher(a, b, T, centroid)
+        line, peer_right = ("", False) if peer is None else _run_peer(peer, a, b, T, centroid)
         print(f"{folder.name:<22}{ours[0]}   {line}", flush=True)
         found, peer_found, count = found + ours[1], peer_found + peer_right, count + 1
     print(
@@ -97,22 +102,17 @@ def _hypotheses(a: vx.VoxelGrid, b: vx.VoxelGrid, T: np.ndarray, centroid: np.nd
     return f"{columns}{times[0]:>12.2f}{times[1]:>9.2f}", bool(right)
 
 
-def _kiss_matcher(a: vx.VoxelGrid, b: vx.VoxelGrid, T: np.ndarray, centroid: np.ndarray) -> tuple[str, bool]:
-    """Columns of the table for KISS-Matcher, and whether its pose is right."""
-    import kiss_matcher
-
-    peer: Any = kiss_matcher  # a compiled module without type information
-    matcher = peer.KISSMatcher(peer.KISSMatcherConfig(working_spacing(a.voxel_size, b.voxel_size)))
+def _run_peer(
+    peer: Peer, a: vx.VoxelGrid, b: vx.VoxelGrid, T: np.ndarray, centroid: np.ndarray
+) -> tuple[str, bool]:
+    """Columns of the table for KISS-Matcher before any refinement, and whether its pose is right."""
     start = time.perf_counter()
-    solution = matcher.estimate(b.occupied_points(), a.occupied_points())
+    found = peer.solve(a.occupied_points(), b.occupied_points(), working_spacing(a.voxel_size, b.voxel_size))
     seconds = time.perf_counter() - start
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = solution.rotation, np.asarray(solution.translation).reshape(3)
-    error = pose_error(pose, T, centroid)
+    error = pose_error(found.T_a_b, T, centroid)
     is_right = bool(error[0] <= MAX_DEGREES and error[1] <= MAX_METRES)
-    inliers = matcher.get_num_final_inliers()
     answer = "yes" if is_right else "no"
-    return f"{answer:>4}{inliers:>6}{error[0]:>7.1f}{error[1]:>7.2f}{seconds:>6.2f}", is_right
+    return f"{answer:>4}{found.score:>6.0f}{error[0]:>7.1f}{error[1]:>7.2f}{seconds:>6.2f}", is_right
 
 
 if __name__ == "__main__":

@@ -59,20 +59,20 @@ class Peer:
     Attributes:
         name: On the command line and in tables.
         modules: Modules that it needs.
-        packages: Distributions whose versions are recorded.
         install: How to install it.
         solve: `solve(points_a, points_b, working_voxel)`, points (n, 3) [m].
     """
 
     name: str
     modules: tuple[str, ...]
-    packages: tuple[str, ...]
     install: str
     solve: Callable[[np.ndarray, np.ndarray, float], Coarse]
 
     def versions(self) -> dict[str, str]:
-        """Versions of what it runs on."""
-        return {package: importlib.metadata.version(package) for package in self.packages}
+        """Versions of the installed distributions that give its modules."""
+        providers = importlib.metadata.packages_distributions()
+        names = [name for module in self.modules for name in providers.get(module, [])]
+        return {name: importlib.metadata.version(name) for name in names}
 
 
 def _kiss_matcher(points_a: np.ndarray, points_b: np.ndarray, working: float) -> Coarse:
@@ -111,11 +111,11 @@ def _open3d(points_a: np.ndarray, points_b: np.ndarray, working: float) -> Coars
 
 PEERS = (
     Peer(
-        "kiss-matcher", ("kiss_matcher", "small_gicp"), ("kiss-matcher", "small-gicp"),
+        "kiss-matcher", ("kiss_matcher", "small_gicp"),
         'pip install "voxjax[bench]"', _kiss_matcher,
     ),
     Peer(
-        "open3d", ("open3d", "small_gicp"), ("open3d-cpu", "small-gicp"),
+        "open3d", ("open3d", "small_gicp"),
         f"pip install open3d-cpu small-gicp; {_LIBRARIES}", _open3d,
     ),
 )  # fmt: skip

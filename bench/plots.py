@@ -9,8 +9,8 @@ from bench.summary import OVERLAP_BINS, Row, bin_label, in_bin, methods_of
 from voxjax import InputError
 
 
-def draw_plots(rows: Sequence[Row], folder: Path) -> list[Path]:
-    """Write `recall.png` and `errors.png` into the folder, which is made if it is missing.
+def prepare_plots() -> None:
+    """Choose a way of drawing that needs no screen; to be called before long work whose results are to be drawn.
 
     Raises:
         InputError: If matplotlib is not installed.
@@ -20,6 +20,10 @@ def draw_plots(rows: Sequence[Row], folder: Path) -> list[Path]:
     except ImportError as error:
         raise InputError('plots need matplotlib: pip install "voxjax[bench]".') from error
     matplotlib.use("Agg")
+
+
+def draw_plots(rows: Sequence[Row], folder: Path) -> list[Path]:
+    """Write `recall.png` and `errors.png` into the folder, which is made if it is missing."""
     folder.mkdir(parents=True, exist_ok=True)
     paths = [folder / "recall.png", folder / "errors.png"]
     _draw_recall(rows, paths[0])

@@ -24,7 +24,7 @@ import numpy as np
 import voxjax as vx
 from bench.cases import Case, folder_cases, generated_cases
 from bench.peers import Peer, load_peers, run_peer
-from bench.plots import draw_plots
+from bench.plots import draw_plots, prepare_plots
 from bench.summary import Row, markdown, summarize
 from bench.timing import setting
 from bench.worlds import MapPair
@@ -78,6 +78,8 @@ def _run(args: argparse.Namespace) -> int:
     methods |= {peer.name: _peer(peer) for peer in peers}
     if not methods:
         raise vx.InputError("there is nothing to run: name a preset with --presets or a peer with --peers.")
+    if args.plot is not None:
+        prepare_plots()
     cases = _cases(args)
     settings = {"maps": str(args.maps or DEFAULT_MAPS), "warm": args.warm}
     rows = _resumed(args.out, settings) if args.resume else []
