@@ -25,6 +25,7 @@ _HOME = {
     "refine": "registration.refine",
     "Registration": "registration.types",
     "register": "pipeline.pair",
+    "register_batch": "pipeline.batch",
     "fuse": "fusion.fuse",
     "merge": "pipeline.many",
     "Merge": "pipeline.many",
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from .matching.consistency import ConsistencyGraph as ConsistencyGraph
     from .matching.consistency import consistency_graph as consistency_graph
     from .ops.window import box_count as box_count
+    from .pipeline.batch import register_batch as register_batch
     from .pipeline.many import Merge as Merge
     from .pipeline.many import merge as merge
     from .pipeline.pair import register as register

@@ -65,19 +65,19 @@ class LeaderConfig:
 
 @dataclasses.dataclass(frozen=True)
 class VerdictConfig:
-    """When a pose is accepted; origins of the numbers in `registration/verdict.py`.
+    """When a pose is accepted; the model is in `registration/verdict.py`.
 
     Attributes:
-        min_support: Least agreement along the worst direction, as a share of all that both maps could show.
+        min_confidence: Least probability of an accepted pose.
         max_conflict: Largest share of conflicts among the voxels that hit or conflict.
-        max_rival: Largest score of another pose, as a share of the best.
-        min_support_without_free_space: As `min_support`, for clouds: nothing can speak against a pose there.
+        min_support: Least agreement along the worst direction, as a share of all that both maps could show.
+        max_pieces: Largest share of conflicts that hang together, where other poses score almost as well.
     """
 
-    min_support: float = 0.02
-    max_conflict: float = 0.06
-    max_rival: float = 0.7
-    min_support_without_free_space: float = 0.3
+    min_confidence: float = 0.85
+    max_conflict: float = 0.08
+    min_support: float = 0.005
+    max_pieces: float = 0.005
 
 
 @dataclasses.dataclass(frozen=True)

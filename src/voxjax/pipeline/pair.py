@@ -1,16 +1,18 @@
 """Register two maps: features, hypotheses from all sources, leaders, evidence, verdict, refinement."""
 
+import dataclasses
 import time
 from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
 import numpy as np
 
-from .._checks import InputError, check_choice, check_pose
+from .._checks import InputError, check_choice, check_pose, check_positive
 from .._mappings import release_kernels_if_crowded
 from .._results import RESULTS
 from ..grid import VoxelGrid
-from ..registration.leaders import Leaders, judge_poses
+from ..registration.conflict_pieces import evidence
+from ..registration.leaders import Leaders
 from ..registration.map_features import MapFeatures, map_features, share_sizes
 from ..registration.paper import register_paper
 from ..registration.refine import refine
@@ -21,9 +23,6 @@ from .search import search
 
 FINE_VOXEL = 0.075
 """Maps finer than this [m] are brought to about 0.1 m: the trials behind the evidence ran there."""
-
-MIN_KEPT_SCORE = 0.98
-"""The last refinement fits planes, not counts; it is taken back if it costs more than this share of the evidence."""
 
 LAST_REACH = 2.0
 """Robust scale at which the last refinement starts [voxel]."""
@@ -40,6 +39,7 @@ def register(
     config: Config | Mapping[str, Any] | None = None,
     gravity_aligned: bool = False,
     init_guess: object = None,
+    guess_uncertainty: tuple[float, float] | None = None,
     on_stage: Callable[[str], None] | None = None,
 ) -> Registration:
     """Find how map b lies in map a, or say that the maps do not show it.
@@ -51,6 +51,8 @@ def register(
         config: Settings of the stages of the default preset: a `Config`, nested tables, or None for the defaults.
         gravity_aligned: The z axes of both maps point up, so that only yaw is unknown; default preset only.
         init_guess: A (4, 4) `T_a_b` that is tried as one more hypothesis; default preset only.
+        guess_uncertainty: With a guess: poses that put map b's centroid farther from where the guess puts it than the
+            first number [m], or turn it by more than the second [rad], are left out.
         on_stage: Called with the name of each stage as it starts.
 
     Returns:
@@ -85,6 +87,7 @@ def register(
     seconds["features"] = time.perf_counter() - start
     return register_prepared(
         features_a, features_b, config=settings, gravity_aligned=gravity_aligned, init_guess=init_guess,
+        guess_uncertainty=guess_uncertainty,
         on_stage=on_stage, seconds=seconds,
     )  # fmt: skip
 
@@ -127,6 +130,7 @@ def register_prepared(
     config: Config | Mapping[str, Any] | None = None,
     gravity_aligned: bool = False,
     init_guess: object = None,
+    guess_uncertainty: tuple[float, float] | None = None,
     on_stage: Callable[[str], None] | None = None,
     seconds: dict[str, float] | None = None,
 ) -> Registration:
@@ -142,6 +146,11 @@ def register_prepared(
             "a and b must be prepared at the same voxel_size, got "
             f"{a.prepared.grid.voxel_size:g} and {b.prepared.grid.voxel_size:g}; prepare both at the coarser one."
         )
+    if guess_uncertainty is not None:
+        if init_guess is None:
+            raise InputError("guess_uncertainty needs an init_guess that it is about; give both or neither.")
+        for name, value in zip(("metres", "radians"), guess_uncertainty, strict=True):
+            check_positive(f"guess_uncertainty ({name})", value, name)
     seconds = dict(seconds or {})
     release_kernels_if_crowded()
 
@@ -155,7 +164,7 @@ def register_prepared(
     # 1. Distinct leaders from the hypotheses of the sources, refined, judged by all voxels.
     found = search(
         a, b, settings, gravity_aligned=gravity_aligned,
-        guess=None if init_guess is None else check_pose("init_guess", init_guess),
+        guess=None if init_guess is None else check_pose("init_guess", init_guess), uncertainty=guess_uncertainty,
         is_decided=lambda leaders: verdict_of(leaders).verdict == "accepted", announce=announce,
     )  # fmt: skip
     seconds.update(found.seconds)
@@ -175,16 +184,13 @@ def register_prepared(
         num_points=LAST_POINTS, both_ways=True,
     )  # fmt: skip
     T_a_b, covariance = np.asarray(refined.T_a_b), np.asarray(refined.covariance)
-    after = judge_poses(a.prepared, b.prepared, T_a_b[None], num_points=None)
-    if after.score()[0] < MIN_KEPT_SCORE * leaders.judgement.score()[0]:
-        T_a_b, after = leaders.poses[0], None
     seconds["verdict"] = time.perf_counter() - start
 
-    scores = leaders.judgement.score()
+    scores = evidence(leaders.judgement)
     hypotheses = tuple(
         Hypothesis(
             leaders.poses[i] if i else T_a_b,
-            float(scores[i] if i or after is None else after.score()[0]),
+            float(scores[i]),
             found.sources[i],
             _evidence(leaders.judgement, i, a.prepared.num_points + b.prepared.num_points),
         )

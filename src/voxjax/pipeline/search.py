@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..registration.conflict_pieces import weigh_pieces
 from ..registration.leaders import Leaders, find_leaders, merge_leaders
 from ..registration.map_features import MapFeatures
 from ..registration.proposals import ProposalCollector
@@ -35,6 +36,7 @@ def search(
     *,
     gravity_aligned: bool,
     guess: np.ndarray | None,
+    uncertainty: tuple[float, float] | None,
     is_decided: Callable[[Leaders], bool],
     announce: Callable[[str], None],
 ) -> Found:
@@ -49,11 +51,13 @@ def search(
         settings: Which sources, and how many poses.
         gravity_aligned: Only yaw is unknown.
         guess: One more pose to try.
+        uncertainty: Distance [m] at the centroid of b and angle [rad] from the guess beyond which poses are left out.
         is_decided: Whether leaders of the first round are enough; never asked with `settings.source.thorough`.
         announce: Called with the name of each stage.
     """
     sources, options = settings.source, settings.leader
-    collector = ProposalCollector(a, b, gravity_aligned=gravity_aligned)
+    near = None if guess is None or uncertainty is None else (guess, *uncertainty)
+    collector = ProposalCollector(a, b, gravity_aligned=gravity_aligned, near=near)
 
     def propose_first() -> None:
         if guess is not None:
@@ -97,6 +101,8 @@ def search(
             )
             both = names + more_names
             names = tuple(both[row] for row in chosen)
+        leaders, order = weigh_pieces(a.prepared, b.prepared, leaders)
+        names = tuple(names[row] for row in order)
         spent += time.perf_counter() - start
         if not sources.thorough and is_decided(leaders):
             break

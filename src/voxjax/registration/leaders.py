@@ -33,12 +33,14 @@ class Judgement(NamedTuple):
         conflicts: (k,) in clear free space.
         opposed: (k,) on a surface whose free side faces the other way.
         information: (k, 3, 3) what the hits fix, in frame a: 1/3 of the identity when everything agrees.
+        pieces: (k,) conflicts that hang together, as a share of the hits; 0 where nobody looked (`conflict_pieces`).
     """
 
     hits: np.ndarray
     conflicts: np.ndarray
     opposed: np.ndarray
     information: np.ndarray
+    pieces: np.ndarray
 
     def score(self, conflict_weight: float = CONFLICT_WEIGHT) -> np.ndarray:
         """Hits minus weighted conflicts, at most 1."""
@@ -111,7 +113,9 @@ def judge_poses(
     rotation = T[: len(poses), :3, :3].astype(np.float64)
     information[1] = np.einsum("kij,kjl,kml->kim", rotation, information[1], rotation)
     mean = (sums[0] + sums[1]) / 2
-    return Judgement(mean[:, 0], mean[:, 1], mean[:, 3], (information[0] + information[1]) / 2)
+    return Judgement(
+        mean[:, 0], mean[:, 1], mean[:, 3], (information[0] + information[1]) / 2, np.zeros(len(poses))
+    )
 
 
 def distinct_poses(

@@ -36,9 +36,17 @@ class Proposals(NamedTuple):
 class ProposalCollector:
     """Gathers poses source by source; times each."""
 
-    def __init__(self, a: MapFeatures, b: MapFeatures, *, gravity_aligned: bool):
-        """Start without poses."""
+    def __init__(
+        self,
+        a: MapFeatures,
+        b: MapFeatures,
+        *,
+        gravity_aligned: bool,
+        near: tuple[np.ndarray, float, float] | None = None,
+    ):
+        """Start without poses; of all poses only those near a guess count: (guess, metres, radians)."""
         self._a, self._b = a, b
+        self._near = near
         self._gravity_aligned = gravity_aligned
         self._poses: list[np.ndarray] = []
         self._sources: list[str] = []
@@ -46,12 +54,25 @@ class ProposalCollector:
         self.seconds: dict = {}
 
     def _add(self, poses: np.ndarray, sources: list[str]) -> None:
-        if self._gravity_aligned and len(poses):
-            is_upright = poses[:, 2, 2] > UPRIGHT_COSINE
-            poses = poses[is_upright]
-            sources = [name for name, keep in zip(sources, is_upright, strict=True) if keep]
+        is_allowed = self._allowed(poses)
+        poses = poses[is_allowed]
+        sources = [name for name, keep in zip(sources, is_allowed, strict=True) if keep]
         self._poses.append(poses.astype(np.float32))
         self._sources.extend(sources)
+
+    def _allowed(self, poses: np.ndarray) -> np.ndarray:
+        """Whether each pose is upright, where it must be, and near the guess."""
+        is_allowed = np.ones(len(poses), bool)
+        if self._gravity_aligned:
+            is_allowed &= poses[:, 2, 2] > UPRIGHT_COSINE
+        if self._near is not None:
+            guess, metres, radians = self._near
+            change = poses - guess[None]
+            offset = change[:, :3, :3] @ np.asarray(self._b.prepared.centroid) + change[:, :3, 3]
+            trace = np.einsum("kij,ij->k", poses[:, :3, :3], guess[:3, :3])
+            is_allowed &= np.linalg.norm(offset, axis=1) <= metres
+            is_allowed &= trace >= 1.0 + 2.0 * np.cos(min(radians, np.pi))
+        return is_allowed
 
     def _timed(self, name: str, propose: Callable[[], None]) -> None:
         start = time.perf_counter()
@@ -70,9 +91,8 @@ class ProposalCollector:
             self.stats["num_corners_b"] = self._b.corners.num_listed
             found = frame_poses(self._a.corners, self._b.corners)
             poses, is_observed = found.poses, found.is_observed
-            if self._gravity_aligned:
-                is_upright = poses[:, 2, 2] > UPRIGHT_COSINE
-                poses, is_observed = poses[is_upright], is_observed[is_upright]
+            is_allowed = self._allowed(poses)
+            poses, is_observed = poses[is_allowed], is_observed[is_allowed]
             self.stats["num_hypotheses"] += len(poses)
             if len(poses) == 0:
                 return

@@ -1,0 +1,62 @@
+"""Many pairs of maps: features once a map, however many pairs it is in."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from .._checks import InputError
+from ..grid import VoxelGrid
+from ..registration.map_features import MapFeatures, share_sizes
+from ..registration.types import Registration
+from .config import Config, config_from
+from .pair import prepare, register, register_prepared, working_voxel_size
+
+
+def register_batch(
+    pairs: Sequence[tuple[VoxelGrid, VoxelGrid]],
+    *,
+    config: Config | Mapping[str, Any] | None = None,
+    gravity_aligned: bool = False,
+    on_pair: Callable[[int, Registration], None] | None = None,
+) -> list[Registration]:
+    """Register many pairs of maps; bit for bit what `register` gives for each of them alone.
+
+    The features of a map are computed once for all pairs that compare it at the same voxel size; a map is known by
+    its object, so give the same `VoxelGrid` for the same map.
+
+    Args:
+        pairs: (a, b) each.
+        config: As for `register`.
+        gravity_aligned: As for `register`.
+        on_pair: Called with the number and the outcome of each pair as it is done.
+
+    Returns:
+        One `Registration` a pair, in their order.
+
+    Raises:
+        InputError: If an entry is no pair of maps, or a setting cannot be used.
+    """
+    settings = config_from(config)
+    for number, pair in enumerate(pairs):
+        if len(pair) != 2 or not all(isinstance(grid, VoxelGrid) for grid in pair):
+            raise InputError(f"pairs[{number}] must be two VoxelGrid maps (a, b), got {type(pair).__name__}.")
+    known: dict[tuple[int, float], MapFeatures] = {}
+
+    def features_of(grid: VoxelGrid, voxel_size: float) -> MapFeatures:
+        key = id(grid), voxel_size
+        if key not in known:
+            known[key] = prepare(grid, voxel_size=voxel_size)
+        return known[key]
+
+    results = []
+    for number, (a, b) in enumerate(pairs):
+        if a.num_occupied == 0 or b.num_occupied == 0:
+            found = register(a, b, config=settings, gravity_aligned=gravity_aligned)
+        else:
+            size = working_voxel_size([a, b], settings)
+            # Padded pair by pair, as `register` does: another length of a sum would round otherwise.
+            features = share_sizes([features_of(a, size), features_of(b, size)])
+            found = register_prepared(*features, config=settings, gravity_aligned=gravity_aligned)
+        results.append(found)
+        if on_pair is not None:
+            on_pair(number, found)
+    return results
