@@ -71,7 +71,8 @@ class Peer:
     def versions(self) -> dict[str, str]:
         """Versions of the installed distributions that give its modules."""
         providers = importlib.metadata.packages_distributions()
-        names = [name for module in self.modules for name in providers.get(module, [])]
+        # A distribution of one compiled module is not always listed, and is named as its module.
+        names = [name for module in self.modules for name in providers.get(module, [module])]
         return {name: importlib.metadata.version(name) for name in names}
 
 
