@@ -201,8 +201,9 @@ def main(argv: list[str]) -> int:
     )
     parser.add_argument("--seed", type=int, default=200_000)
     parser.add_argument("--cache", type=Path, default=None, help="folder for generated maps")
+    parser.add_argument("--only", default="pair,hotel,cross", help="kinds to run")
     parser.add_argument(
-        "--part", default="0/1", help="k/n: every n-th pair from the k-th on, for several processes"
+        "--join", type=Path, nargs="*", default=[], help="outputs of other runs, for the summary"
     )
     parser.add_argument("--out", type=Path, default=Path("bench/out/calibration.json"))
     parser.add_argument("--plot", type=Path, default=None, help="where to draw the reliability diagram (PNG)")

@@ -25,8 +25,8 @@ def test_tables_change_only_what_they_name():
         ({"source": {"corner": True}}, "no key 'corner'"),
         ({"source": {"corners": 1}}, "must be of type bool"),
         ({"source": {"num_peaks": True}}, "must be of type int"),
-        ({"verdict": {"max_rival": "high"}}, "must be of type float"),
-        ({"verdict": {"max_rival": -0.1}}, "must not be negative"),
+        ({"verdict": {"min_confidence": "high"}}, "must be of type float"),
+        ({"verdict": {"min_confidence": -0.1}}, "must not be negative"),
         ({"source": 3}, "must hold keys and values"),
     ],
 )

@@ -61,8 +61,31 @@ def test_covariance_is_a_covariance(registration):
 def test_stats_name_what_was_tried(registration):
     stats = registration.stats
     assert stats["num_hypotheses"] > 100
+    assert stats["num_rounds"] == 1
+    assert set(stats["seconds"]) >= {"features", "exhaustive search", "leaders", "verdict"}
+
+
+def test_thorough_asks_all_sources(maps, registration):
+    found = vx.register(maps[0], maps[1], config={"source": {"thorough": True}})
+    stats = found.stats
+    assert stats["num_rounds"] == 2
     assert stats["num_corners_a"] > 0
-    assert set(stats["seconds"]) >= {"features", "corner frames", "exhaustive search", "leaders", "verdict"}
+    assert stats["clique_size"] >= 3
+    assert set(stats["seconds"]) >= {"corner frames", "common subgraph", "descriptors"}
+    assert pose_error(found.T_a_b, registration.T_a_b, centroid(maps[1])).metres < 0.03
+
+
+def test_poses_far_from_the_guess_are_left_out(maps):
+    guess = pose(yaw=2.0, translation=(0.1, -0.1, 0.05)) @ maps[2]
+    near = vx.register(maps[0], maps[1], init_guess=guess, guess_uncertainty=(0.5, 0.2))
+    assert near.accepted
+    assert all(pose_error(h.T_a_b, guess, centroid(maps[1])).metres < 1.0 for h in near.hypotheses)
+    elsewhere = pose(yaw=90.0, translation=(4.0, 0.0, 0.0)) @ maps[2]
+    assert not vx.register(maps[0], maps[1], init_guess=elsewhere, guess_uncertainty=(0.5, 0.2)).accepted
+    with pytest.raises(vx.InputError, match="init_guess"):
+        vx.register(maps[0], maps[1], guess_uncertainty=(0.5, 0.2))
+    with pytest.raises(vx.InputError, match="radians"):
+        vx.register(maps[0], maps[1], init_guess=guess, guess_uncertainty=(0.5, -1.0))
 
 
 def test_the_other_way_round_is_the_inverse(maps, registration):

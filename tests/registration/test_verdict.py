@@ -1,45 +1,71 @@
+"""The verdict on judgements written by hand."""
+
 import numpy as np
 import pytest
 
+from voxjax.registration.conflict_pieces import evidence, rivals
 from voxjax.registration.leaders import Judgement
-from voxjax.registration.verdict import decide, support
+from voxjax.registration.verdict import decide, probabilities, support
 
-BOUNDS = {"min_support": 0.02, "max_conflict": 0.06, "max_rival": 0.7, "min_support_without_free_space": 0.3}
+BOUNDS = {"min_confidence": 0.85, "max_conflict": 0.08, "min_support": 0.005, "max_pieces": 0.005}
 
 
 def judgement(*poses):
-    """Poses as (hits, conflicts, eigenvalues of 3 * information)."""
-    hits, conflicts, spectra = zip(*poses, strict=True)
-    information = np.stack([np.diag(np.asarray(s, float)) / 3 for s in spectra])
-    return Judgement(np.asarray(hits, float), np.asarray(conflicts, float), np.zeros(len(hits)), information)
+    """Each pose: hits, conflicts, least eigenvalue of the agreement, pieces."""
+    hits, conflicts, weakest, pieces = np.asarray(poses, np.float64).reshape(-1, 4).T
+    information = (
+        np.stack([np.diag([w, 0.3, 0.4]) / 3 for w in weakest]) if len(poses) else np.zeros((0, 3, 3))
+    )
+    return Judgement(hits, conflicts, np.zeros(len(hits)), information, pieces)
+
+
+GOOD, WEAK = (0.6, 0.003, 0.2, 0.001), (0.04, 0.0, 0.001, 0.0)
 
 
 @pytest.mark.parametrize(
     ("poses", "has_free_space", "expected"),
     [
-        ([(0.5, 0.005, (0.3, 0.4, 0.5)), (0.04, 0.001, (0.0, 0.0, 0.1))], True, "accepted"),
-        ([(0.2, 0.001, (0.0, 0.001, 0.6)), (0.19, 0.001, (0.0, 0.001, 0.6))], True, "no_overlap"),
-        ([(0.5, 0.005, (0.3, 0.4, 0.5)), (0.45, 0.005, (0.3, 0.4, 0.5))], True, "ambiguous"),
-        ([(0.4, 0.002, (0.015, 0.4, 0.5))], True, "ambiguous"),
-        ([(0.4, 0.038, (0.3, 0.4, 0.5))], True, "ambiguous"),
-        ([(0.4, 0.1, (0.3, 0.4, 0.5))], True, "no_overlap"),
-        ([(0.5, 0.0, (0.2, 0.4, 0.5))], False, "ambiguous"),
-        ([(0.9, 0.0, (0.6, 0.7, 0.8)), (0.5, 0.0, (0.3, 0.3, 0.3))], False, "accepted"),
+        ([GOOD, WEAK], True, "accepted"),
+        ([GOOD], True, "accepted"),
+        ([WEAK, WEAK], True, "no_overlap"),
+        ([], True, "no_overlap"),
+        ([(0.2, 0.1, 0.2, 0.0)], True, "no_overlap"),
+        ([GOOD, (0.59, 0.003, 0.2, 0.001)], True, "ambiguous"),
+        ([GOOD, (0.59, 0.003, 0.2, 0.03)], True, "accepted"),
+        ([(0.6, 0.003, 0.2, 0.02), (0.55, 0.003, 0.2, 0.05)], True, "ambiguous"),
+        ([(0.9, 0.003, 0.001, 0.0), WEAK], True, "ambiguous"),
+        ([(0.95, 0.0, 0.7, 0.0), (0.4, 0.0, 0.1, 0.0)], False, "accepted"),
+        ([(0.5, 0.0, 0.17, 0.0), (0.45, 0.0, 0.18, 0.0)], False, "no_overlap"),
     ],
 )
 def test_verdict_and_confidence_go_together(poses, has_free_space, expected):
     finding = decide(judgement(*poses), has_free_space=has_free_space, **BOUNDS)
     assert finding.verdict == expected
     assert 0.0 <= finding.confidence <= 1.0
-    assert (finding.confidence > 0.5) == (expected == "accepted")
-    assert finding.reason.endswith(".")
+    assert (finding.confidence >= BOUNDS["min_confidence"]) == (expected == "accepted")
+    assert finding.reason
 
 
-def test_no_pose_is_no_overlap():
-    empty = Judgement(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros((0, 3, 3)))
-    assert decide(empty, has_free_space=True, **BOUNDS).verdict == "no_overlap"
+def test_probabilities_are_a_choice_among_the_leaders_and_none():
+    chance = probabilities(judgement(GOOD, (0.5, 0.003, 0.2, 0.001), WEAK), has_free_space=True)
+    assert chance.shape == (4,)
+    np.testing.assert_allclose(chance.sum(), 1.0)
+    assert chance[1] > chance[2] > chance[3]
+    alone = probabilities(judgement(GOOD), has_free_space=True)
+    assert alone[1] > chance[1]
 
 
-def test_full_agreement_has_support_one_and_conflicts_take_it_off():
-    full = judgement((1.0, 0.0, (1, 1, 1)), (0.9, 0.1, (1, 1, 1)), (0.9, 0.5, (1, 1, 1)))
-    np.testing.assert_allclose(support(full), [1.0, 0.4, 0.0])
+def test_only_pieces_beyond_those_of_the_cleanest_rival_count():
+    both = judgement((0.6, 0.0, 0.2, 0.02), (0.5, 0.0, 0.2, 0.02), (0.1, 0.0, 0.2, 0.0))
+    np.testing.assert_array_equal(rivals(both), [True, True, False])
+    np.testing.assert_allclose(evidence(both), both.score())
+    one = judgement((0.6, 0.0, 0.2, 0.02), (0.5, 0.0, 0.2, 0.0))
+    np.testing.assert_allclose(evidence(one), [0.6 * np.exp(-4.0), 0.5])
+
+
+def test_support_is_the_agreement_along_the_worst_direction():
+    information = np.stack(
+        [np.eye(3) / 3, np.diag([0.4, 0.3, 0.4]) / 3 * [1, 1 / 3, 1], np.diag([1.0, 1.0, 0.0])]
+    )
+    full = Judgement(np.ones(3), np.zeros(3), np.zeros(3), information, np.zeros(3))
+    np.testing.assert_allclose(support(full), [1.0, 0.1, 0.0], atol=1e-12)

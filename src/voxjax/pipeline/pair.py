@@ -17,12 +17,15 @@ from ..registration.map_features import MapFeatures, map_features, share_sizes
 from ..registration.paper import register_paper
 from ..registration.refine import refine
 from ..registration.types import Evidence, Hypothesis, Registration
-from ..registration.verdict import Finding, decide
+from ..registration.verdict import Finding, decide, probabilities
 from .config import Config, config_from
 from .search import search
 
 FINE_VOXEL = 0.075
 """Maps finer than this [m] are brought to about 0.1 m: the trials behind the evidence ran there."""
+
+MAX_NONE = 0.1
+"""Other sources are asked only if no leader is right with at least this probability."""
 
 LAST_REACH = 2.0
 """Robust scale at which the last refinement starts [voxel]."""
@@ -161,11 +164,16 @@ def register_prepared(
             leaders.judgement, has_free_space=has_free_space, **dataclasses.asdict(settings.verdict)
         )
 
+    def is_decided(leaders: Leaders) -> bool:
+        none = probabilities(leaders.judgement, has_free_space=has_free_space)[0]
+        # Where one of the leaders is right, more sources do not tell which.
+        return verdict_of(leaders).verdict == "accepted" or none < MAX_NONE
+
     # 1. Distinct leaders from the hypotheses of the sources, refined, judged by all voxels.
     found = search(
         a, b, settings, gravity_aligned=gravity_aligned,
         guess=None if init_guess is None else check_pose("init_guess", init_guess), uncertainty=guess_uncertainty,
-        is_decided=lambda leaders: verdict_of(leaders).verdict == "accepted", announce=announce,
+        is_decided=is_decided, announce=announce,
     )  # fmt: skip
     seconds.update(found.seconds)
     leaders = found.leaders

@@ -15,8 +15,8 @@ MIN_AREA = 1.5
 """A piece begins at so much surface [m^2]: a closed door, found open by the other robot, has about that."""
 
 PIECE_WEIGHT = 200.0
-"""One per cent of the hits in pieces beyond those of the cleanest rival costs a factor of exp(-2); fitted with the model
-of `registration/verdict.py`."""
+"""One per cent of the hits in pieces beyond those of the cleanest rival costs a factor of exp(-2); fitted together with
+the model of `registration/verdict.py`."""
 
 MIN_SHARE = 0.5
 """Poses with less than this share of the best score are no rivals, and are not looked at."""
