@@ -20,7 +20,7 @@ def walls_with_a_slanted_face(width):
     for label, ((x, y), n) in enumerate(parts):
         place = np.stack([np.repeat(x, len(UP)), np.repeat(y, len(UP)), np.tile(UP, len(x))], axis=1)
         index.append(place)
-        normal.append(np.tile(n, (len(place), 1)))
+        normal.append(np.tile(np.asarray(n), (len(place), 1)))
         labels.append(np.full(len(place), label))
     index, normal, labels = (np.concatenate(p) for p in (index, normal, labels))
     order = np.lexsort(index.T[::-1])
@@ -47,7 +47,7 @@ def test_a_wide_slanted_face_is_kept():
 def test_a_strip_between_parallel_faces_is_kept():
     surface, labels = walls_with_a_slanted_face(3)
     # Both walls turned to one direction: the strip is now the end of a wall, between its two sides.
-    normal = np.where((labels == 1)[:, None], np.float32([-1.0, 0.0, 0.0]), surface.normal)
+    normal = np.where((labels == 1)[:, None], np.asarray([-1.0, 0.0, 0.0], np.float32), surface.normal)
     index = surface.index.copy()
     far = labels == 1
     index[far] = np.stack([np.full(far.sum(), 4), index[far, 0], index[far, 2]], axis=1)

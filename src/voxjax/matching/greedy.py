@@ -3,7 +3,7 @@
 import numpy as np
 
 NUM_STARTS = 32
-_NUM_TRIED = 256
+_NUM_TRIED = 96
 """Nodes of highest degree whose triangles are counted before any clique is grown."""
 
 
