@@ -118,12 +118,14 @@ def measure_peers(points: tuple[np.ndarray, np.ndarray], kind: GraphClass, with_
     if importlib.util.find_spec("cliquematch"):
         import cliquematch
 
-        graph: Any = cliquematch.Graph
+        graphs: Any = cliquematch.Graph
         start = time.perf_counter()
-        theirs = graph.from_matrix(np.ascontiguousarray(adjacency))
+        of_matrix: Any = graphs.from_matrix(np.ascontiguousarray(adjacency))
         build_s = time.perf_counter() - start
         # It keeps its answer in the graph, so that a second call would time nothing.
-        members, median, least = best_of(1, lambda: theirs.get_max_clique(use_heuristic=True, use_dfs=True))
+        members, median, least = best_of(
+            1, lambda: of_matrix.get_max_clique(use_heuristic=True, use_dfs=True)
+        )
         rows.append(_row("cliquematch", len(members), build_s, median, least, True))
     if with_networkx and importlib.util.find_spec("networkx"):
         import networkx
@@ -131,7 +133,8 @@ def measure_peers(points: tuple[np.ndarray, np.ndarray], kind: GraphClass, with_
         start = time.perf_counter()
         theirs = networkx.from_edgelist(np.argwhere(np.triu(adjacency)).tolist())
         build_s = time.perf_counter() - start
-        found, median, least = best_of(1, lambda: networkx.max_weight_clique(theirs, weight=None))
+        largest: Any = networkx.max_weight_clique  # its annotations know no `None` for equal weights
+        found, median, least = best_of(1, lambda: largest(theirs, weight=None))
         rows.append(_row("networkx", found[1], build_s, median, least, True))
     return rows
 

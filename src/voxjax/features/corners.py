@@ -13,6 +13,7 @@ from .cluster import suppress_duplicates
 from .observed import FoundCorners, observe_corners, right_handed
 from .paper import paper_corners
 from .types import KIND_UNKNOWN, Corners
+from .uncertainty import corner_covariance
 
 __all__ = ["Corners", "corners_of_planes", "detect_corners"]
 
@@ -67,19 +68,20 @@ def corners_of_planes(
     reach = max(virtual_reach, beside) if virtual else beside
     triples = intersect_planes(plane_map, reach=reach, min_triple_product=min_triple_product)
     normals = np.asarray(plane_map.planes.normal)[triples.planes]
+    covariance = corner_covariance(plane_map, triples)
     near = np.flatnonzero((triples.distance <= beside).all(axis=1))
     seen = observe_corners(grid, triples.position[near], normals[near])
-    observed = _observed(grid, plane_map, triples, near, seen)
+    observed = _observed(grid, plane_map, triples, covariance, near, seen)
     if not virtual:
         return _padded(observed)
-    hidden = _virtual(grid, plane_map, triples, normals, virtual_reach, observed)
+    hidden = _virtual(grid, plane_map, triples, covariance, normals, virtual_reach, observed)
     num_hidden = len(hidden.position)
     parts = [getattr(observed, f) for f in _FIELDS], [getattr(hidden, f)[:max_virtual] for f in _FIELDS]
-    both = (np.concatenate(pair) for pair in zip(*parts, strict=True))
-    return _padded(Corners(*both, num_found=np.asarray(len(observed.position) + num_hidden, np.int32)))
+    both = {f: np.concatenate(pair) for f, pair in zip(_FIELDS, zip(*parts, strict=True), strict=True)}
+    return _padded(Corners(**both, num_found=np.asarray(len(observed.position) + num_hidden, np.int32)))
 
 
-_FIELDS = ("position", "normals", "weight", "convexity", "mask", "is_observed")
+_FIELDS = ("position", "normals", "weight", "convexity", "mask", "is_observed", "covariance")
 
 
 def _weights(plane_map: PlaneMap, triples: PlaneTriples, reach: float) -> np.ndarray:
@@ -90,20 +92,28 @@ def _weights(plane_map: PlaneMap, triples: PlaneTriples, reach: float) -> np.nda
 
 
 def _observed(
-    grid: VoxelGrid, plane_map: PlaneMap, triples: PlaneTriples, near: np.ndarray, seen: FoundCorners
+    grid: VoxelGrid,
+    plane_map: PlaneMap,
+    triples: PlaneTriples,
+    covariance: np.ndarray,
+    near: np.ndarray,
+    seen: FoundCorners,
 ) -> Corners:
     """Observed corners, each once, strongest first."""
     row = near[seen.row]
     weight = _weights(plane_map, triples, 2.0)[row] * seen.coverage
     position = triples.position[row]
     keep = suppress_duplicates(position, seen.normals, seen.convexity, weight, radius=3.0 * grid.voxel_size)
-    return _corners(position[keep], seen.normals[keep], weight[keep], seen.convexity[keep], True)
+    return _corners(
+        position[keep], seen.normals[keep], weight[keep], seen.convexity[keep], covariance[row[keep]], True
+    )
 
 
 def _virtual(
     grid: VoxelGrid,
     plane_map: PlaneMap,
     triples: PlaneTriples,
+    covariance: np.ndarray,
     normals: np.ndarray,
     reach: float,
     observed: Corners,
@@ -120,23 +130,28 @@ def _virtual(
     )
     keep = keep[keep >= num]
     kind = np.full(len(keep), KIND_UNKNOWN, np.int32)
-    return _corners(position[keep], all_normals[keep], weight[keep], kind, False)
+    return _corners(position[keep], all_normals[keep], weight[keep], kind, covariance[keep - num], False)
 
 
 def _corners(
-    position: np.ndarray, normals: np.ndarray, weight: np.ndarray, convexity: np.ndarray, is_observed: bool
+    position: np.ndarray,
+    normals: np.ndarray,
+    weight: np.ndarray,
+    convexity: np.ndarray,
+    covariance: np.ndarray,
+    is_observed: bool,
 ) -> Corners:
     """Unpadded corners of one sort."""
     num = len(position)
     return Corners(
         position=position.astype(np.float32), normals=normals.astype(np.float32),
         weight=weight.astype(np.float32), convexity=convexity.astype(np.uint8), mask=np.ones(num, bool),
-        is_observed=np.full(num, is_observed), num_found=np.asarray(num, np.int32),
+        is_observed=np.full(num, is_observed), num_found=np.asarray(num, np.int32), covariance=covariance,
     )  # fmt: skip
 
 
 def _padded(corners: Corners) -> Corners:
     """Rows padded to a bucket, so that matching compiles for few sizes."""
     size = bucket_size(len(corners.position), 32)
-    rows = (pad_rows(np.asarray(getattr(corners, f)), size) for f in _FIELDS)
-    return Corners(*rows, num_found=corners.num_found)
+    rows = {f: pad_rows(np.asarray(getattr(corners, f)), size) for f in _FIELDS}
+    return Corners(**rows, num_found=corners.num_found)

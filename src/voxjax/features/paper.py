@@ -77,8 +77,15 @@ def paper_corners(
         mask=np.ones(len(chosen), bool),
         is_observed=np.ones(len(chosen), bool),
         num_found=np.asarray(len(chosen), np.int32),
+        # The voxel may lie anywhere within the tolerance of its three planes.
+        covariance=np.tile(_voxel_covariance(plane_distance_tolerance * voxel), (len(chosen), 1, 1)),
     )
     return PaperStages(initial, planes, kept, corners)
+
+
+def _voxel_covariance(reach: float) -> np.ndarray:
+    """Covariance [m^2] of a position that is even within `reach` [m] along each axis."""
+    return np.eye(3, dtype=np.float32) * np.float32(reach**2 / 3.0)
 
 
 def _fit(grid: VoxelGrid, surface: Surface, labels: np.ndarray) -> tuple[Planes, np.ndarray]:

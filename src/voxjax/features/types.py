@@ -26,6 +26,7 @@ class Corners(eqx.Module):
         is_observed: bool (n,): voxels of all three faces lie beside the point; else the planes meet there
             unseen.
         num_found: int32 scalar: corners found, which may be more than are listed.
+        covariance: float32 (n, 3, 3) [m^2]: of the position, 0 in padding rows; None for lists made without it.
     """
 
     position: Float32[Array, "n 3"]
@@ -35,6 +36,7 @@ class Corners(eqx.Module):
     mask: Bool[Array, "n"]
     is_observed: Bool[Array, "n"]
     num_found: Int32[Array, ""]
+    covariance: Float32[Array, "n 3 3"] | None = None
 
     @property
     def num_listed(self) -> int:
@@ -45,4 +47,7 @@ class Corners(eqx.Module):
         """The listed corners only, on the host."""
         keep = np.asarray(self.mask)
         rows = (self.position, self.normals, self.weight, self.convexity, self.mask, self.is_observed)
-        return Corners(*(np.asarray(a)[keep] for a in rows), num_found=np.asarray(self.num_found))
+        covariance = None if self.covariance is None else np.asarray(self.covariance)[keep]
+        return Corners(
+            *(np.asarray(a)[keep] for a in rows), num_found=np.asarray(self.num_found), covariance=covariance
+        )
