@@ -69,7 +69,9 @@ def load_world(seed: int, kind: str, cache: Path | None) -> tuple[list[vx.VoxelG
         parts: dict[str, Any] = {}
         for i, g in enumerate(grids):
             parts |= {f"s{i}": g.states, f"o{i}": g.origin, f"v{i}": g.voxel_size}
-        np.savez_compressed(path, **parts, **({} if T is None else {"T": T}))
+        if T is not None:
+            parts["T"] = T
+        np.savez_compressed(path, **parts)
     return grids, T
 
 

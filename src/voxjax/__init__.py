@@ -6,7 +6,7 @@ Names are loaded when they are first used, so that `import voxjax` costs nothing
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _HOME = {
     "VoxelGrid": "grid",

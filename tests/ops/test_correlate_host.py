@@ -1,3 +1,4 @@
+# pyright: reportCallIssue=false
 """The search on the host against the compiled one and against the definition."""
 
 import numpy as np

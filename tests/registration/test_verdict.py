@@ -7,7 +7,13 @@ from voxjax.registration.conflict_pieces import evidence, rivals
 from voxjax.registration.leaders import Judgement
 from voxjax.registration.verdict import decide, probabilities, support
 
-BOUNDS = {"min_confidence": 0.85, "max_conflict": 0.08, "min_support": 0.005, "max_pieces": 0.005}
+BOUNDS = {
+    "min_confidence": 0.85,
+    "min_confidence_beside_rivals": 0.95,
+    "max_conflict": 0.08,
+    "min_support": 0.005,
+    "max_pieces": 0.005,
+}
 
 
 def judgement(*poses):

@@ -4,6 +4,8 @@ On a CPU the transforms of SciPy are as fast as those of the compiler, and a blo
 sizes save more than half of the work.
 """
 
+from typing import cast
+
 import numpy as np
 from jaxtyping import Complex64, Float, Float32, UInt8
 from scipy.fft import irfftn, next_fast_len, rfftn
@@ -16,7 +18,7 @@ PEAK_BLOCK = 4
 
 def block_size(cells: int) -> int:
     """Smallest quick length of a transform, a multiple of `PEAK_BLOCK`, that holds `cells`."""
-    return PEAK_BLOCK * next_fast_len(-(-cells // PEAK_BLOCK), real=True)
+    return PEAK_BLOCK * cast(int, next_fast_len(-(-cells // PEAK_BLOCK), real=True))
 
 
 def coarse_spectra(
@@ -77,7 +79,7 @@ def coarse_spectra(
     cell = np.clip(cell, 0, np.asarray(box) - 1)
     flat = (cell[:, 0] * box[1] + cell[:, 1]) * box[2] + cell[:, 2]
     ask = np.bincount(flat, weights, minlength=int(np.prod(box))).astype(np.float32).reshape(box)
-    return rfftn(offer, s=cells), rfftn(ask, s=cells)
+    return np.asarray(rfftn(offer, s=cells)), np.asarray(rfftn(ask, s=cells))
 
 
 def correlation_peaks(
@@ -104,7 +106,7 @@ def correlation_peaks(
     """
     spectrum = offer_a * np.conj(ask_b)
     spectrum += ask_a * np.conj(offer_b)
-    score = irfftn(spectrum, s=cells, overwrite_x=True)
+    score = np.asarray(irfftn(spectrum, s=cells, overwrite_x=True))
     best = score
     for axis in range(3):
         parts = [np.take(best, range(i, best.shape[axis], PEAK_BLOCK), axis=axis) for i in range(PEAK_BLOCK)]

@@ -99,7 +99,7 @@ def search(
             leaders, chosen = merge_leaders(
                 a.prepared, b.prepared, leaders, more, num_leaders=options.num_leaders
             )
-            both = names + more_names
+            both: list[str] = [*names, *more_names]
             names = tuple(both[row] for row in chosen)
         leaders, order = weigh_pieces(a.prepared, b.prepared, leaders)
         names = tuple(names[row] for row in order)

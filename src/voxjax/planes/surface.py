@@ -83,5 +83,6 @@ def _element_pairs(
         for side_j in (0, 1):
             agreement = cosine if side_i == side_j else -cosine
             joined = (node[i, side_i] >= 0) & (node[j, side_j] >= 0) & (~both_signed | (agreement > 0.0))
-            found.append(np.stack([node[i[joined], side_i], node[j[joined], side_j]], axis=1))
-    return np.concatenate(found).astype(np.int32)
+            found.append(np.stack([node[i[joined], side_i], node[j[joined], side_j]]))
+    # Columns contiguous: all that follows reads the first and the second of the pairs apart.
+    return np.concatenate(found, axis=1).astype(np.int32).T

@@ -57,7 +57,8 @@ def _in_pieces(other: PreparedMap, points: np.ndarray) -> int:
     index -= index.min(axis=0)
     block = np.zeros(index.max(axis=0) + 1, bool)
     block[tuple(index.T)] = True
-    labels, _ = ndimage.label(block, np.ones((3, 3, 3), int))
+    labels = np.empty(block.shape, np.int32)
+    ndimage.label(block, np.ones((3, 3, 3), int), output=labels)
     sizes = np.bincount(labels[block])
     return int(sizes[sizes * voxel**2 >= MIN_AREA].sum())
 

@@ -67,8 +67,8 @@ def search_on_host(
     def spectra(which: int, rotation: np.ndarray, low: np.ndarray, box: np.ndarray, cells: Cells) -> tuple:
         grid = maps[which].grid
         return host.coarse_spectra(
-            codes[which], grid.origin.astype(np.float64), grid.voxel_size, *rows[which], rotation, low, _triple(box),
-            factor * grid.voxel_size, CONFLICT_WEIGHT, cells=cells,
+            codes[which], np.asarray(grid.origin, np.float64), grid.voxel_size, *rows[which], rotation, low,
+            _triple(box), factor * grid.voxel_size, CONFLICT_WEIGHT, cells=cells,
         )  # fmt: skip
 
     keys = [(_triple([host.block_size(int(n)) for n in p.box_a + p.box_b]), p.axes) for p in placements]

@@ -81,6 +81,7 @@ def decide(
     *,
     has_free_space: bool,
     min_confidence: float,
+    min_confidence_beside_rivals: float,
     max_conflict: float,
     min_support: float,
     max_pieces: float,
@@ -91,6 +92,7 @@ def decide(
         judgement: Evidence of the leaders.
         has_free_space: Whether both maps know free space.
         min_confidence: Least probability of an accepted pose.
+        min_confidence_beside_rivals: The same where free space must decide between poses that score alike.
         max_conflict: Largest share of conflicts, of the voxels that hit or conflict, of an accepted pose.
         min_support: Least agreement along the worst direction of an accepted pose.
         max_pieces: Largest share of conflicts that hang together of a pose that is accepted beside rivals.
@@ -122,7 +124,8 @@ def decide(
             "ambiguous", min(confidence, 0.5),
             f"The best of several poses sets whole pieces of one map into free space of the other: {shown}.",
         )  # fmt: skip
-    if confidence >= min_confidence:
+    is_contested = has_free_space and bool(rivals(judgement)[1:].any())
+    if confidence >= (min_confidence_beside_rivals if is_contested else min_confidence):
         return Finding(
             "accepted", confidence,
             f"One pose stands out: {shown}; probability {confidence:.3f}.",
