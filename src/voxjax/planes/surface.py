@@ -57,10 +57,10 @@ def find_surface(grid: VoxelGrid, *, size: int = 7, reach: int = 3, min_neighbou
     is_back = is_solid & (backward <= reach) & (backward <= forward)
     is_unseen = is_solid & ~is_front & ~is_back
     is_signed_by_mean = is_unseen & has_free
-    node = np.full((len(index), 2), -1, np.int64)
+    node = np.full((2, len(index)), -1, np.int32)
     front = is_front | is_unseen
-    node[front, 0] = np.arange(np.count_nonzero(front))
-    node[is_back, 1] = np.count_nonzero(front) + np.arange(np.count_nonzero(is_back))
+    node[0, front] = np.arange(np.count_nonzero(front))
+    node[1, is_back] = np.count_nonzero(front) + np.arange(np.count_nonzero(is_back))
     pairs = _element_pairs(neighbour_pairs(index), node, normal, ~(is_unseen & ~has_free))
     return Surface(
         index=np.concatenate([index[front], index[is_back]]),
@@ -77,12 +77,13 @@ def _element_pairs(
     """Pairs of elements of touching voxels that lie on the same side of the surface."""
     i, j = pairs.T
     cosine = np.einsum("ij,ij->i", normal[i], normal[j])
-    both_signed = is_signed[i] & is_signed[j]
+    is_free = ~(is_signed[i] & is_signed[j])
+    node_i, node_j = node[:, i], node[:, j]
     found = []
     for side_i in (0, 1):
         for side_j in (0, 1):
             agreement = cosine if side_i == side_j else -cosine
-            joined = (node[i, side_i] >= 0) & (node[j, side_j] >= 0) & (~both_signed | (agreement > 0.0))
-            found.append(np.stack([node[i[joined], side_i], node[j[joined], side_j]]))
+            joined = (node_i[side_i] >= 0) & (node_j[side_j] >= 0) & (is_free | (agreement > 0.0))
+            found.append(np.stack([node_i[side_i][joined], node_j[side_j][joined]]))
     # Columns contiguous: all that follows reads the first and the second of the pairs apart.
-    return np.concatenate(found, axis=1).astype(np.int32).T
+    return np.concatenate(found, axis=1).T
