@@ -167,7 +167,7 @@ def register_prepared(
     def is_decided(leaders: Leaders) -> bool:
         none = probabilities(leaders.judgement, has_free_space=has_free_space)[0]
         # Where one of the leaders is right, more sources do not tell which.
-        return verdict_of(leaders).verdict == "accepted" or none < MAX_NONE
+        return verdict_of(leaders).verdict == "accepted" or bool(none < MAX_NONE)
 
     # 1. Distinct leaders from the hypotheses of the sources, refined, judged by all voxels.
     found = search(
