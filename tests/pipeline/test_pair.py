@@ -175,7 +175,7 @@ def test_maps_that_hold_no_pose_are_an_outcome(case, preset):
 
 
 def test_bad_arguments_are_refused(maps):
-    for options in ({"gravity_aligned": True}, {"init_guess": np.eye(4)}):
+    for options in ({"gravity_aligned": True}, {"init_guess": np.eye(4)}, {"guess_uncertainty": (1.0, 0.1)}):
         with pytest.raises(vx.InputError, match="preset 'paper'"):
             vx.register(maps[0], maps[1], preset="paper", **options)  # pyright: ignore[reportArgumentType]
     with pytest.raises(vx.InputError, match="init_guess"):

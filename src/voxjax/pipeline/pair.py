@@ -66,9 +66,10 @@ def register(
         InputError: If a setting or the guess cannot be used.
     """
     check_choice("preset", preset, ("default", "paper"))
-    if preset == "paper" and (gravity_aligned or init_guess is not None):
+    if preset == "paper" and (gravity_aligned or init_guess is not None or guess_uncertainty is not None):
         raise InputError(
-            "preset 'paper' takes neither gravity_aligned nor init_guess, which the published method does not know; "
+            "preset 'paper' takes neither gravity_aligned nor init_guess nor guess_uncertainty, which the published method "
+            "does not know; "
             "leave them out or take the preset 'default'."
         )
     settings = config_from(config)
