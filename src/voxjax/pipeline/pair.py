@@ -68,9 +68,8 @@ def register(
     check_choice("preset", preset, ("default", "paper"))
     if preset == "paper" and (gravity_aligned or init_guess is not None or guess_uncertainty is not None):
         raise InputError(
-            "preset 'paper' takes neither gravity_aligned nor init_guess nor guess_uncertainty, which the published method "
-            "does not know; "
-            "leave them out or take the preset 'default'."
+            "preset 'paper' takes neither gravity_aligned nor init_guess nor guess_uncertainty, which the published "
+            "method does not know; leave them out or take the preset 'default'."
         )
     settings = config_from(config)
     announce = on_stage if on_stage is not None else _silent
