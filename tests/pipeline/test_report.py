@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import small_worlds
 from fake_register import FakeRegister, cube_map, pose
 from voxjax import merge
 from voxjax.pipeline import report
@@ -53,3 +54,11 @@ def test_numbers_that_are_not_finite_become_none(odd):
 
 def test_the_device_is_named():
     assert "cpu" in report.device_name().lower() or "gpu" in report.device_name().lower()
+
+
+def test_corners_that_no_pair_needed_are_counted_for_the_report():
+    maps = [small_worlds.draw_map(), small_worlds.draw_map(small_worlds.pose(yaw=30.0))]
+    merged = merge(maps)
+    assert merged.pairs[0][2].stats["num_rounds"] == 1
+    counts = [entry["num_corners"] for entry in report.merge_report(merged, maps, ["a.bt", "b.bt"])["maps"]]
+    assert min(counts) > 10

@@ -11,6 +11,8 @@ import numpy as np
 
 from .. import __version__
 from ..registration.types import Registration
+from .config import Config
+from .pair import prepare, working_voxel_size
 
 if TYPE_CHECKING:
     from ..grid import VoxelGrid
@@ -36,7 +38,7 @@ def merge_report(
         Keys "status", "voxjax", "device", "voxel_size", "maps", "pairs", "seconds", and besides them "reason"
         and "loops". Numbers that are not finite become None.
     """
-    corners = _corner_counts(merged, len(grids))
+    corners = _corner_counts(merged, grids)
     report = {
         "status": merged.status,
         "voxjax": __version__,
@@ -110,10 +112,16 @@ def _pair_report(a: int, b: int, registration: Registration) -> dict[str, Any]:
     }
 
 
-def _corner_counts(merged: Merge, num_maps: int) -> list[int]:
-    """Corners found in each map, from the pairs it took part in."""
-    counts = [0] * num_maps
+def _corner_counts(merged: Merge, grids: Sequence[VoxelGrid]) -> list[int]:
+    """Corners of each map, from the pairs it took part in; counted now where no pair needed them."""
+    counts: list[int | None] = [None if grid.num_occupied else 0 for grid in grids]
     for a, b, registration in merged.pairs:
-        counts[a] = int(registration.stats.get("num_corners_a", counts[a]))
-        counts[b] = int(registration.stats.get("num_corners_b", counts[b]))
-    return counts
+        counts[a] = registration.stats.get("num_corners_a", counts[a])
+        counts[b] = registration.stats.get("num_corners_b", counts[b])
+    if None not in counts:
+        return [int(count) for count in counts if count is not None]
+    voxel_size = working_voxel_size([grid for grid in grids if grid.num_occupied], Config())
+    return [
+        prepare(grid, voxel_size=voxel_size).corners.num_listed if count is None else int(count)
+        for grid, count in zip(grids, counts, strict=True)
+    ]
