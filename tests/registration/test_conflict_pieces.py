@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from small_worlds import FURNITURE, draw_map, pose
-from voxjax.registration.conflict_pieces import MIN_AREA, piece_share, weigh_pieces
+from voxjax.registration.conflict_pieces import MIN_AREA, piece_area, weigh_pieces
 from voxjax.registration.leaders import Leaders, judge_poses
 from voxjax.registration.prepared import prepare_map
 
@@ -22,24 +22,27 @@ def maps():
 
 def test_the_same_building_has_no_pieces(maps):
     a, b, truth = maps
-    assert piece_share(a, b, truth) < 1e-3
-    assert piece_share(a, a, np.eye(4, dtype=np.float32)) == 0.0
+    pieces, shared = piece_area(a, b, truth)
+    assert pieces == 0.0
+    assert shared > 0.9 * (a.num_points + b.num_points) * a.grid.voxel_size**2
+    face = a.grid.voxel_size**2
+    assert piece_area(a, a, np.eye(4, dtype=np.float32)) == (0.0, pytest.approx(2 * a.num_points * face))
 
 
 def test_a_wrong_pose_has_pieces_the_same_from_both_sides(maps):
     a, b, truth = maps
     wrong = (pose(translation=(0.9, 0.0, 0.0)) @ truth).astype(np.float32)
-    share = piece_share(a, b, wrong)
-    assert share > 0.05
-    assert piece_share(b, a, np.linalg.inv(wrong).astype(np.float32)) == pytest.approx(share, rel=0.02)
+    pieces, shared = piece_area(a, b, wrong)
+    assert pieces > 0.05 * shared
+    back = piece_area(b, a, np.linalg.inv(wrong).astype(np.float32))
+    assert back == (pytest.approx(pieces, rel=0.02), pytest.approx(shared, rel=0.02))
 
 
 def test_a_moved_cupboard_is_a_piece_of_its_own_size(maps):
     a = maps[0]
     moved = (*FURNITURE[:1], ((2.6, 0.5, 0.0), (3.6, 1.3, 1.9)), *FURNITURE[2:])
     b = prepare_map(draw_map(furniture=moved))
-    share = piece_share(a, b, np.eye(4, dtype=np.float32))
-    area = share * (a.num_points + b.num_points) * a.grid.voxel_size**2
+    area, _ = piece_area(a, b, np.eye(4, dtype=np.float32))
     # The cupboard is gone from one place and stands in another: each shows about 5 to 7 m^2 of sides and top, in voxels
     # of slanted steps and double layers up to twice that.
     assert 2.0 * MIN_AREA < area < 28.0

@@ -9,23 +9,23 @@ from voxjax.registration.verdict import decide, probabilities, support
 
 BOUNDS = {
     "min_confidence": 0.85,
-    "min_confidence_beside_rivals": 0.95,
+    "min_confidence_beside_rivals": 0.9,
     "max_conflict": 0.08,
     "min_support": 0.005,
-    "max_pieces": 0.005,
+    "max_pieces": 0.003,
 }
 
 
 def judgement(*poses):
-    """Each pose: hits, conflicts, least eigenvalue of the agreement, pieces."""
+    """Each pose: hits, conflicts, least eigenvalue of the agreement, pieces [m^2]; all share 1000 m^2."""
     hits, conflicts, weakest, pieces = np.asarray(poses, np.float64).reshape(-1, 4).T
     information = (
         np.stack([np.diag([w, 0.3, 0.4]) / 3 for w in weakest]) if len(poses) else np.zeros((0, 3, 3))
     )
-    return Judgement(hits, conflicts, np.zeros(len(hits)), information, pieces)
+    return Judgement(hits, conflicts, np.zeros(len(hits)), information, pieces, np.full(len(hits), 1000.0))
 
 
-GOOD, WEAK = (0.6, 0.003, 0.2, 0.001), (0.04, 0.0, 0.001, 0.0)
+GOOD, WEAK = (0.6, 0.003, 0.2, 0.5), (0.04, 0.0, 0.001, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -36,9 +36,9 @@ GOOD, WEAK = (0.6, 0.003, 0.2, 0.001), (0.04, 0.0, 0.001, 0.0)
         ([WEAK, WEAK], True, "no_overlap"),
         ([], True, "no_overlap"),
         ([(0.2, 0.1, 0.2, 0.0)], True, "no_overlap"),
-        ([GOOD, (0.59, 0.003, 0.2, 0.001)], True, "ambiguous"),
-        ([GOOD, (0.59, 0.003, 0.2, 0.03)], True, "accepted"),
-        ([(0.6, 0.003, 0.2, 0.02), (0.55, 0.003, 0.2, 0.05)], True, "ambiguous"),
+        ([GOOD, (0.59, 0.003, 0.2, 0.5)], True, "ambiguous"),
+        ([GOOD, (0.59, 0.003, 0.2, 10.0)], True, "accepted"),
+        ([(0.5, 0.003, 0.2, 0.5), (0.59, 0.003, 0.2, 15.0)], True, "accepted"),
         ([(0.9, 0.003, 0.001, 0.0), WEAK], True, "ambiguous"),
         ([(0.95, 0.0, 0.7, 0.0), (0.4, 0.0, 0.1, 0.0)], False, "accepted"),
         ([(0.5, 0.0, 0.17, 0.0), (0.45, 0.0, 0.18, 0.0)], False, "no_overlap"),
@@ -53,7 +53,7 @@ def test_verdict_and_confidence_go_together(poses, has_free_space, expected):
 
 
 def test_probabilities_are_a_choice_among_the_leaders_and_none():
-    chance = probabilities(judgement(GOOD, (0.5, 0.003, 0.2, 0.001), WEAK), has_free_space=True)
+    chance = probabilities(judgement(GOOD, (0.5, 0.003, 0.2, 0.5), WEAK), has_free_space=True)
     assert chance.shape == (4,)
     np.testing.assert_allclose(chance.sum(), 1.0)
     assert chance[1] > chance[2] > chance[3]
@@ -61,17 +61,34 @@ def test_probabilities_are_a_choice_among_the_leaders_and_none():
     assert alone[1] > chance[1]
 
 
+def test_beside_rivals_the_best_must_be_clean_itself():
+    unclean = judgement((0.6, 0.003, 0.2, 4.0), (0.55, 0.003, 0.2, 50.0))
+    finding = decide(unclean, has_free_space=True, **BOUNDS)
+    assert finding.verdict == "ambiguous"
+    assert finding.confidence > 0.9
+    assert "pieces" in finding.reason
+    alone = judgement((0.6, 0.003, 0.2, 4.0), WEAK)
+    assert decide(alone, has_free_space=True, **BOUNDS).verdict == "accepted"
+
+
+def test_rivals_stand_as_one_against_no_overlap():
+    one = probabilities(judgement(GOOD), has_free_space=True)
+    many = probabilities(judgement(*[GOOD] * 6), has_free_space=True)
+    np.testing.assert_allclose(one[0], many[0], rtol=1e-9)
+    np.testing.assert_allclose(many[1:], one[1] / 6)
+
+
 def test_only_pieces_beyond_those_of_the_cleanest_rival_count():
-    both = judgement((0.6, 0.0, 0.2, 0.02), (0.5, 0.0, 0.2, 0.02), (0.1, 0.0, 0.2, 0.0))
+    both = judgement((0.6, 0.0, 0.2, 2.0), (0.5, 0.0, 0.2, 2.0), (0.1, 0.0, 0.2, 0.0))
     np.testing.assert_array_equal(rivals(both), [True, True, False])
     np.testing.assert_allclose(evidence(both), both.score())
-    one = judgement((0.6, 0.0, 0.2, 0.02), (0.5, 0.0, 0.2, 0.0))
-    np.testing.assert_allclose(evidence(one), [0.6 * np.exp(-4.0), 0.5])
+    one = judgement((0.6, 0.0, 0.2, 3.0), (0.5, 0.0, 0.2, 0.0))
+    np.testing.assert_allclose(evidence(one), [0.15, 0.5])
 
 
 def test_support_is_the_agreement_along_the_worst_direction():
     information = np.stack(
         [np.eye(3) / 3, np.diag([0.4, 0.3, 0.4]) / 3 * [1, 1 / 3, 1], np.diag([1.0, 1.0, 0.0])]
     )
-    full = Judgement(np.ones(3), np.zeros(3), np.zeros(3), information, np.zeros(3))
+    full = Judgement(np.ones(3), np.zeros(3), np.zeros(3), information, np.zeros(3), np.zeros(3))
     np.testing.assert_allclose(support(full), [1.0, 0.1, 0.0], atol=1e-12)

@@ -72,14 +72,15 @@ class VerdictConfig:
         min_confidence_beside_rivals: The same where free space must decide between poses that score alike.
         max_conflict: Largest share of conflicts among the voxels that hit or conflict.
         min_support: Least agreement along the worst direction, as a share of all that both maps could show.
-        max_pieces: Largest share of conflicts that hang together, where other poses score almost as well.
+        max_pieces: Largest area of conflicts that hang together, as a share of the surface that agrees, where other
+            poses score almost as well.
     """
 
     min_confidence: float = 0.85
-    min_confidence_beside_rivals: float = 0.95
+    min_confidence_beside_rivals: float = 0.9
     max_conflict: float = 0.08
     min_support: float = 0.005
-    max_pieces: float = 0.005
+    max_pieces: float = 0.003
 
 
 @dataclasses.dataclass(frozen=True)

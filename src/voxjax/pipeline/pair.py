@@ -17,7 +17,7 @@ from ..registration.map_features import MapFeatures, map_features, share_sizes
 from ..registration.paper import register_paper
 from ..registration.refine import refine
 from ..registration.types import Evidence, Hypothesis, Registration
-from ..registration.verdict import Finding, decide, probabilities
+from ..registration.verdict import Finding, decide, probabilities, support
 from .config import Config, config_from
 from .search import search
 
@@ -243,6 +243,9 @@ def _evidence(judgement, i: int, num_voxels: int) -> Evidence:
         free_conflict=float(judgement.conflicts[i] / met),
         num_hits=round(float(judgement.hits[i]) * num_voxels),
         num_conflicts=round(float(judgement.conflicts[i]) * num_voxels),
+        support=float(support(judgement)[i]),
+        shared_area=float(judgement.shared[i]),
+        contradiction_area=float(judgement.pieces[i]),
     )
 
 

@@ -11,19 +11,21 @@ from ..ops.evidence import CONFLICT, HIT
 from .leaders import Judgement, Leaders, inverse_poses
 from .prepared import PreparedMap
 
-MIN_AREA = 1.5
-"""A piece begins at so much surface [m^2]: a closed door, found open by the other robot, has about that."""
+MIN_AREA = 1.0
+"""A piece begins at so much surface [m^2]: noise and grazing rays leave less."""
 
-PIECE_WEIGHT = 200.0
-"""One per cent of the hits in pieces beyond those of the cleanest rival costs a factor of exp(-2); fitted together with
-the model of `registration/verdict.py`."""
+RIVAL_WEIGHT = 3.0
+"""Rivals are as probable as their evidence to this power. How much the maps should overlap is not known beforehand, and
+the true pose among equal rooms is often not the one that agrees most: between rivals the score weighs less than it
+does against no overlap at all. Pieces weigh less than generated pairs of equal rooms alone would have it
+(`python -m bench verdict_fit`), where only doors and a little furniture move."""
 
 MIN_SHARE = 0.5
 """Poses with less than this share of the best score are no rivals, and are not looked at."""
 
 
-def piece_share(a: PreparedMap, b: PreparedMap, T_a_b: np.ndarray) -> float:
-    """Voxels of both maps in connected conflicts of at least `MIN_AREA`, as a share of those that hit.
+def piece_area(a: PreparedMap, b: PreparedMap, T_a_b: np.ndarray) -> tuple[float, float]:
+    """Surface in connected conflicts of at least `MIN_AREA`, and surface that agrees, of both maps together [m^2].
 
     Args:
         a: First map.
@@ -36,7 +38,8 @@ def piece_share(a: PreparedMap, b: PreparedMap, T_a_b: np.ndarray) -> float:
         code = _codes_at(target, points @ T[:3, :3].T + T[:3, 3])
         num_hits += int(np.count_nonzero(code == HIT))
         in_pieces += _in_pieces(other, points[code == CONFLICT])
-    return in_pieces / max(num_hits, 1)
+    face = a.grid.voxel_size**2
+    return in_pieces * face, num_hits * face
 
 
 def _codes_at(target: PreparedMap, points: np.ndarray) -> np.ndarray:
@@ -70,10 +73,12 @@ def weigh_pieces(a: PreparedMap, b: PreparedMap, leaders: Leaders) -> tuple[Lead
         Leaders, and their rows among those given.
     """
     is_rival = rivals(leaders.judgement)
-    pieces = np.asarray(
-        [piece_share(a, b, T) if wanted else 0.0 for T, wanted in zip(leaders.poses, is_rival, strict=True)]
-    )
-    judgement = leaders.judgement._replace(pieces=pieces)
+    areas = [
+        piece_area(a, b, T) if wanted else (0.0, 0.0)
+        for T, wanted in zip(leaders.poses, is_rival, strict=True)
+    ]
+    pieces, shared = np.asarray(areas, np.float64).reshape(-1, 2).T
+    judgement = leaders.judgement._replace(pieces=pieces, shared=shared)
     order = np.argsort(-evidence(judgement), kind="stable")
     ranked = Leaders(
         leaders.poses[order], Judgement(*(part[order] for part in judgement)), leaders.rows[order]
@@ -88,10 +93,10 @@ def rivals(judgement: Judgement) -> np.ndarray:
 
 
 def evidence(judgement: Judgement) -> np.ndarray:
-    """Scores (k,), those of rivals less what their pieces exceed those of the cleanest one by.
+    """Scores (k,); those of rivals divided by 1 m^2 plus their pieces, and the cleanest one keeps its score.
 
     Pieces that all rivals show, from drift or moved things, tell nothing between them.
     """
     is_rival = rivals(judgement)
-    extra = judgement.pieces - judgement.pieces[is_rival].min(initial=np.inf)
-    return judgement.score() * np.exp(-PIECE_WEIGHT * np.where(is_rival, extra, 0.0))
+    least = judgement.pieces[is_rival].min(initial=np.inf)
+    return judgement.score() * np.where(is_rival, (1.0 + least) / (1.0 + judgement.pieces), 1.0)

@@ -33,7 +33,9 @@ class Judgement(NamedTuple):
         conflicts: (k,) in clear free space.
         opposed: (k,) on a surface whose free side faces the other way.
         information: (k, 3, 3) what the hits fix, in frame a: 1/3 of the identity when everything agrees.
-        pieces: (k,) conflicts that hang together, as a share of the hits; 0 where nobody looked (`conflict_pieces`).
+        pieces: (k,) surface in conflicts that hang together, of both maps [m^2]; 0 where nobody looked
+            (`conflict_pieces`).
+        shared: (k,) surface that agrees, of both maps [m^2]; 0 where nobody looked.
     """
 
     hits: np.ndarray
@@ -41,6 +43,7 @@ class Judgement(NamedTuple):
     opposed: np.ndarray
     information: np.ndarray
     pieces: np.ndarray
+    shared: np.ndarray
 
     def score(self, conflict_weight: float = CONFLICT_WEIGHT) -> np.ndarray:
         """Hits minus weighted conflicts, at most 1."""
@@ -113,8 +116,14 @@ def judge_poses(
     rotation = T[: len(poses), :3, :3].astype(np.float64)
     information[1] = np.einsum("kij,kjl,kml->kim", rotation, information[1], rotation)
     mean = (sums[0] + sums[1]) / 2
+    nobody_looked = np.zeros(len(poses))
     return Judgement(
-        mean[:, 0], mean[:, 1], mean[:, 3], (information[0] + information[1]) / 2, np.zeros(len(poses))
+        mean[:, 0],
+        mean[:, 1],
+        mean[:, 3],
+        (information[0] + information[1]) / 2,
+        nobody_looked,
+        nobody_looked,
     )
 
 

@@ -22,6 +22,10 @@ class Evidence(eqx.Module):
         free_conflict: Share of the same voxels that land in free space, well away from anything occupied.
         num_hits: Number of occupied voxels of both maps that land on something occupied of the other.
         num_conflicts: Number that land in free space.
+        support: Agreement along the worst direction, 1 when all surfaces agree; near 0 where the pose can slide.
+        shared_area: Surface of both maps that agrees [m^2]; 0 for poses that are no rivals for the first place.
+        contradiction_area: Surface of both maps in conflicts that hang together, at least 1 m^2 each [m^2]; 0 for poses
+            that are no rivals.
     """
 
     score: float
@@ -29,6 +33,9 @@ class Evidence(eqx.Module):
     free_conflict: float
     num_hits: int
     num_conflicts: int
+    support: float = 0.0
+    shared_area: float = 0.0
+    contradiction_area: float = 0.0
 
 
 class Hypothesis(eqx.Module):

@@ -1,21 +1,23 @@
 """The verdict: which pose is right, how probable is that, or is there no overlap worth the name?
 
-The model is a choice among the leaders and "none of them". A leader i has the weight exp(u_i) with
+The model is a choice in two steps. First: is a leader right, or none of them? A leader i has the weight exp(u_i) with
 
-    u_i = score * log(evidence_i) + support * log(support_i),
+    u_i = score * log(score_i) + support * log(support_i),
 
-"none" has exp(none), and the probability of each is its share of the sum (a conditional logit). The evidence falls with
-conflicts, more so with conflicts that hang together (`conflict_pieces`); the support is the agreement along the worst
-direction, which two storeys of different buildings do not have. The coefficients were fitted by maximum likelihood on
-generated pairs of one building, of different buildings and of equal rooms, with free space and without;
-`python -m bench calibration` holds the probabilities against the truth on other ones.
+"none" has exp(none), and the probability of each is its share of the sum (a conditional logit). The support is the
+agreement along the worst direction, which two storeys of different buildings do not have. Second, where free space is
+known: the leaders that score about as well as the best (the rivals) stand in the first step as one, and among them the
+contradictions decide, not the agreement: how much the maps should overlap is not known beforehand (`conflict_pieces`).
+The coefficients were fitted by maximum likelihood on generated pairs of one building, of different buildings and of
+equal rooms, with free space and without (`python -m bench verdict_fit`); `python -m bench calibration` holds the
+probabilities against the truth on other ones.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from .conflict_pieces import evidence, rivals
+from .conflict_pieces import RIVAL_WEIGHT, evidence, rivals
 from .leaders import Judgement
 from .types import Verdict
 
@@ -69,8 +71,14 @@ def probabilities(judgement: Judgement, *, has_free_space: bool) -> np.ndarray:
         has_free_space: Whether both maps know free space.
     """
     weight = WITH_FREE_SPACE if has_free_space else WITHOUT_FREE_SPACE
-    utility = weight.score * np.log(np.maximum(evidence(judgement), LEAST_EVIDENCE))
+    utility = weight.score * np.log(np.maximum(judgement.score(), LEAST_EVIDENCE))
     utility = utility + weight.support * np.log(np.maximum(support(judgement), LEAST_SUPPORT))
+    is_rival = rivals(judgement)
+    if has_free_space and is_rival.any():
+        within = np.where(is_rival, np.maximum(evidence(judgement), 0.0) ** RIVAL_WEIGHT, 0.0)
+        with np.errstate(divide="ignore"):
+            shared = np.max(utility[is_rival]) + np.log(within / within.sum())
+        utility = np.where(is_rival, shared, utility)
     utility = np.concatenate([[weight.none], utility])
     shares = np.exp(utility - utility.max())
     return shares / shares.sum()
@@ -95,7 +103,8 @@ def decide(
         min_confidence_beside_rivals: The same where free space must decide between poses that score alike.
         max_conflict: Largest share of conflicts, of the voxels that hit or conflict, of an accepted pose.
         min_support: Least agreement along the worst direction of an accepted pose.
-        max_pieces: Largest share of conflicts that hang together of a pose that is accepted beside rivals.
+        max_pieces: Largest area of conflicts that hang together, as a share of the surface that agrees, of a pose that
+            is accepted beside rivals: where the true pose is not among them, the cleanest of them is still unclean.
     """
     if len(judgement.hits) == 0:
         return Finding("no_overlap", 0.0, "No source proposed a pose: the maps have too little structure.")
@@ -119,12 +128,13 @@ def decide(
             "ambiguous", min(confidence, 0.5),
             f"The best pose can slide along a direction that no surface fixes: {shown}.",
         )  # fmt: skip
-    if rivals(judgement)[1:].any() and judgement.pieces[0] > max_pieces:
+    is_contested = bool(rivals(judgement)[1:].any())
+    if is_contested and judgement.pieces[0] > max_pieces * judgement.shared[0]:
         return Finding(
-            "ambiguous", min(confidence, 0.5),
+            "ambiguous", confidence,
             f"The best of several poses sets whole pieces of one map into free space of the other: {shown}.",
         )  # fmt: skip
-    is_contested = has_free_space and bool(rivals(judgement)[1:].any())
+    is_contested = is_contested and has_free_space
     if confidence >= (min_confidence_beside_rivals if is_contested else min_confidence):
         return Finding(
             "accepted", confidence,

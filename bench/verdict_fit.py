@@ -1,0 +1,129 @@
+"""Fit the model of the verdict on rows of `bench/calibration.py`, and say how well it does on folds left out.
+
+    python -m bench calibration --seed 100000 --pairs 120 --hotels 75 --buildings 12 --out fit.json
+    python -m bench verdict_fit fit.json [more.json ...]
+
+Rows with free space and without are fitted apart (`registration/verdict.py`): the first step by the scores and supports
+of all leaders, the second, among rivals, by the area of their contradictions. Prints the coefficients beside those in
+use, and for each kind of pair how many would be accepted, rightly and wrongly, with the coefficients of ten folds each
+fitted without the fold that it judges; also with the true pose struck from the leaders: then nothing is right.
+"""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import minimize
+
+from voxjax.registration import conflict_pieces, verdict
+from voxjax.registration.leaders import Judgement
+
+FOLDS = 10
+RIDGE = 0.02
+LEVELS = (0.8, 0.85, 0.9, 0.95)
+
+
+def judgement_of(row: dict, *, without_truth: bool = False) -> tuple[Judgement, np.ndarray]:
+    """The recorded leaders of a pair, and which of them are right."""
+    leaders = [one for one in row["leaders"] if not (without_truth and one["right"])]
+
+    def column(key: str) -> np.ndarray:
+        return np.asarray([one[key] for one in leaders], np.float64)
+
+    information = np.stack(
+        [np.diag([s / 3.0, s / 3.0 + 1.0, s / 3.0 + 1.0]) for s in column("support")]
+    ).reshape(-1, 3, 3) if leaders else np.zeros((0, 3, 3))  # fmt: skip
+    nothing = np.zeros(len(leaders))
+    judged = Judgement(
+        column("score"), nothing, nothing, information, column("contradiction"), column("shared")
+    )
+    return judged, np.asarray([one["right"] for one in leaders], bool)
+
+
+def chances(judged: Judgement, *, first: np.ndarray, piece: float, has_free_space: bool) -> np.ndarray:
+    """`verdict.probabilities` with other coefficients: none, score, support; weight of log(1 m^2 + pieces)."""
+    score = np.log(np.maximum(judged.score(), verdict.LEAST_EVIDENCE))
+    support = np.log(np.maximum(verdict.support(judged), verdict.LEAST_SUPPORT))
+    utility = first[1] * score + first[2] * support
+    is_rival = conflict_pieces.rivals(judged)
+    if has_free_space and is_rival.any():
+        within = conflict_pieces.RIVAL_WEIGHT * score - piece * np.log1p(judged.pieces)
+        within = np.where(is_rival, within, -np.inf)
+        within = within - np.logaddexp.reduce(within)
+        utility = np.where(is_rival, utility[is_rival].max() + within, utility)
+    utility = np.concatenate([[first[0]], utility])
+    shares = np.exp(utility - utility.max())
+    return shares / shares.sum()
+
+
+def fit(rows: list[dict], *, has_free_space: bool) -> tuple[np.ndarray, float]:
+    """Coefficients of greatest likelihood, drawn a little toward 0."""
+    data = [judgement_of(row) for row in rows]
+
+    def loss(x: np.ndarray) -> float:
+        total = RIDGE * float((x**2).sum())
+        for judged, is_right in data:
+            p = chances(judged, first=x[:3], piece=x[3], has_free_space=has_free_space)
+            total -= float(np.log(max(p[int(np.argmax(is_right)) + 1 if is_right.any() else 0], 1e-12)))
+        return total
+
+    start = np.asarray([-5.0, 3.0, 0.5, 3.0])
+    found = minimize(loss, start, method="L-BFGS-B", bounds=[(-50, 0), (0, 50), (0, 50), (0, 50)])
+    return found.x[:3], float(found.x[3])
+
+
+def judge_folds(rows: list[dict], *, has_free_space: bool) -> list[str]:
+    """Table of what would be accepted at which probability, by kind, on the folds left out."""
+    found: list[tuple[str, float, bool]] = []
+    for fold in range(FOLDS):
+        first, piece = fit(
+            [r for i, r in enumerate(rows) if i % FOLDS != fold], has_free_space=has_free_space
+        )
+        for row in rows[fold::FOLDS]:
+            for strike in (False, True) if row["rank"] is not None else (False,):
+                judged, is_right = judgement_of(row, without_truth=strike)
+                if len(is_right) == 0:
+                    continue
+                p = chances(judged, first=first, piece=piece, has_free_space=has_free_space)[1:]
+                best = int(np.argmax(p))
+                name = row["kind"] + (", true pose struck" if strike else "")
+                found.append((name, float(p[best]), bool(is_right[best])))
+    lines = []
+    for name in sorted({one[0] for one in found}):
+        mine = [one for one in found if one[0] == name]
+        counts = [
+            f"{level:g}: {sum(r and p >= level for _, p, r in mine)} / {sum(not r and p >= level for _, p, r in mine)}"
+            for level in LEVELS
+        ]
+        worst = max((p for _, p, r in mine if not r), default=0.0)
+        lines.append(
+            f"  {name} ({len(mine)}), right {sum(r for *_, r in mine)}; accepted right / wrong at {', '.join(counts)}; "
+            f"wrong at most {worst:.3f}"
+        )
+    return lines
+
+
+def main(argv: list[str]) -> int:
+    """Fit and print."""
+    parser = argparse.ArgumentParser(prog="python -m bench verdict_fit", description=__doc__)
+    parser.add_argument("rows", type=Path, nargs="+", help="JSON files of bench calibration")
+    args = parser.parse_args(argv)
+    rows = [row for path in args.rows for row in json.loads(path.read_text())["rows"]]
+    in_use = {True: verdict.WITH_FREE_SPACE, False: verdict.WITHOUT_FREE_SPACE}
+    for has_free_space in (True, False):
+        mine = [r for r in rows if r["leaders"] and r["has_free_space"] == has_free_space]
+        if not mine:
+            continue
+        print(f"{'with' if has_free_space else 'without'} free space: {len(mine)} pairs")
+        first, piece = fit(mine, has_free_space=has_free_space)
+        print(f"  fitted none {first[0]:.2f}, score {first[1]:.2f}, support {first[2]:.2f}", end="")
+        print(f", pieces {piece:.2f}" if has_free_space else "")
+        print(f"  in use {in_use[has_free_space]}, pieces {conflict_pieces.RIVAL_WEIGHT}")
+        print("\n".join(judge_folds(mine, has_free_space=has_free_space)))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
