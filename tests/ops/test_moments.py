@@ -26,6 +26,23 @@ def test_normals_and_curvature_equal_principal_components(size):
             assert abs(float(np.dot(moments.normal[row], normal))) > 1 - 1e-4
 
 
+def test_moved_along_their_normals_voxels_lie_on_the_wall():
+    x, y, z = np.meshgrid(*(np.arange(n) for n in (24, 22, 16)), indexing="ij")
+    gap = z - (0.23 * x + 0.11 * y + 2.3)
+    states = np.where(np.abs(gap) < 0.5, 2, np.where(gap > 0, 1, 0)).astype(np.uint8)
+    index = np.argwhere(states == 2).astype(np.int32)
+    inner = index[((index > 3) & (index < np.asarray(states.shape) - 4)).all(axis=1)]
+    moments = surface_moments(states, inner, size=7)
+    up = np.asarray([-0.23, -0.11, 1.0]) / np.linalg.norm([-0.23, -0.11, 1.0])
+
+    def distance(points):
+        return points @ up - 2.3 * up[2]
+
+    moved = inner + np.asarray(moments.offset)[:, None] * np.asarray(moments.normal)
+    assert np.sqrt(np.mean(distance(inner) ** 2)) > 0.25
+    assert np.sqrt(np.mean(distance(moved) ** 2)) < 0.06
+
+
 def test_normals_point_into_free_space():
     states = _scene()
     index = np.argwhere(states == 2).astype(np.int32)

@@ -28,6 +28,8 @@ class SurfaceMoments(NamedTuple):
         num_occupied: int32 (n,): occupied voxels in the window, the centre included.
         has_free: bool (n,): whether the window holds free voxels off the plane, so that the sign means
             something.
+        offset: float32 (n,) [voxel]: from the voxel's centre along the normal to the plane through the mean of the
+            occupied voxels in the window.
         free_distance: uint8 (n, 2) [voxel]: steps along +normal and along -normal to the first free voxel,
             where nothing unknown comes before; `reach + 1` where there is none.
     """
@@ -36,6 +38,7 @@ class SurfaceMoments(NamedTuple):
     curvature: Float32[Array, "n"]
     num_occupied: Int32[Array, "n"]
     has_free: Bool[Array, "n"]
+    offset: Float32[Array, "n"]
     free_distance: UInt8[Array, "n 2"]
 
 
@@ -127,7 +130,10 @@ def _summarise(
     distance = jnp.stack(
         [_steps_to_free(flat, base, strides, s * normal, reach) for s in (1.0, -1.0)], axis=1
     )
-    return SurfaceMoments(normal, curvature, sums[:, 0].astype(jnp.int32), jnp.abs(lean) > 0.5, distance)
+    offset = jnp.sum(mean * normal, axis=1, dtype=jnp.float32)
+    return SurfaceMoments(
+        normal, curvature, sums[:, 0].astype(jnp.int32), jnp.abs(lean) > 0.5, offset, distance
+    )
 
 
 def _steps_to_free(flat: Array, base: Array, strides: Array, direction: Array, reach: int) -> Array:

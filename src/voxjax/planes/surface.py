@@ -49,7 +49,7 @@ def find_surface(grid: VoxelGrid, *, size: int = 7, reach: int = 3, min_neighbou
         np.asarray(a)[: len(index)]
         for a in surface_moments(np.asarray(grid.states), padded, size=size, reach=reach)
     ]
-    normal, curvature, num_occupied, has_free, distance = moments
+    normal, curvature, num_occupied, has_free, _, distance = moments
     forward, backward = distance.T.astype(np.int32)
     is_solid = num_occupied >= min_neighbours
     # A voxel belongs to the side that is nearer to free space; to both where they are equally near.

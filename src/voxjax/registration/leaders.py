@@ -18,7 +18,7 @@ CONFLICT_WEIGHT = 6.0
 COARSE_CONFLICT_WEIGHT = 3.0
 """A conflict before refinement is less certain."""
 
-DISTINCT_VOXELS, DISTINCT_DEGREES = 5.0, 4.0
+DISTINCT_VOXELS, DISTINCT_DEGREES = 5.0, 8.0
 """Refined poses nearer to each other than both are one."""
 
 COARSE_FACTOR = 3

@@ -36,6 +36,8 @@ class PreparedMap(eqx.Module):
     Attributes:
         grid: The map at the working voxel size, cut to what is known.
         points: Occupied voxel centres [m], padded to a rung of the ladder.
+        anchors: The same points moved onto the planes through their neighbourhoods [m], which takes out most of what
+            the grid rounded; voxel centres where there is no plane.
         normals: Unit normals, toward free space where the map has any.
         weights: Leverage of each voxel: how much it rules out; sums to 1, 0 for padding. Floors and ceilings together
             weigh as much as the walls along one axis, whatever their areas.
@@ -51,6 +53,7 @@ class PreparedMap(eqx.Module):
 
     grid: VoxelGrid
     points: Float32[Array, "n 3"]
+    anchors: Float32[Array, "n 3"]
     normals: Float32[Array, "n 3"]
     weights: Float32[Array, "n"]
     planarity: Float32[Array, "n"]
@@ -103,9 +106,13 @@ def prepare_map(grid: VoxelGrid) -> PreparedMap:
     moments = surface_moments(states, padded, size=7, reach=3)
     normals = np.asarray(moments.normal)[:count]
     planarity = _planarity(np.asarray(moments.curvature)[:count], np.asarray(moments.num_occupied)[:count])
+    points = grid.world_from_index(index)
+    offset = np.asarray(moments.offset)[:count] * (planarity > MIN_PLANARITY) * grid.voxel_size
+    anchors = (points + normals * offset[:, None]).astype(np.float32)
     return PreparedMap(
         grid=grid,
-        points=jnp.asarray(pad_rows(grid.world_from_index(index), size)),
+        points=jnp.asarray(pad_rows(points, size)),
+        anchors=jnp.asarray(pad_rows(anchors, size)),
         normals=jnp.asarray(pad_rows(normals, size)),
         weights=jnp.asarray(pad_rows(leverage_weights(normals, planarity), size)),
         planarity=jnp.asarray(pad_rows(planarity, size)),
@@ -115,7 +122,7 @@ def prepare_map(grid: VoxelGrid) -> PreparedMap:
         codes=evidence_codes(flat, keys, HIT_SQ, CLEAR_SQ),
         states=jnp.asarray(flat),
         dims=dims,
-        centroid=jnp.asarray(grid.world_from_index(index).mean(axis=0, dtype=np.float64).astype(np.float32)),
+        centroid=jnp.asarray(points.mean(axis=0, dtype=np.float64).astype(np.float32)),
     )
 
 
@@ -136,10 +143,10 @@ def sample_rows(prepared: PreparedMap, count: int) -> np.ndarray:
 
 
 def _padded(prepared: PreparedMap, length: int, volume: int) -> PreparedMap:
-    lists = (prepared.points, prepared.normals, prepared.weights, prepared.planarity)
+    lists = (prepared.points, prepared.anchors, prepared.normals, prepared.weights, prepared.planarity)
     blocks = ((prepared.keys, NOTHING_NEAR), (prepared.codes, 0), (prepared.states, 0))
     return eqx.tree_at(
-        lambda m: (m.points, m.normals, m.weights, m.planarity, m.keys, m.codes, m.states),
+        lambda m: (m.points, m.anchors, m.normals, m.weights, m.planarity, m.keys, m.codes, m.states),
         prepared,
         tuple(jnp.asarray(pad_rows(np.asarray(rows), length)) for rows in lists)
         + tuple(jnp.asarray(pad_rows(np.asarray(cells), volume, int(fill))) for cells, fill in blocks),

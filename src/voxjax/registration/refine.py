@@ -161,7 +161,7 @@ def refine(
 
 def surface_of(prepared: PreparedMap, *, is_signed: bool) -> Surface:
     """What the residuals need of map a; `is_signed` if free space tells sides apart in both maps."""
-    rows = prepared.points, prepared.normals, prepared.planarity
+    rows = prepared.anchors, prepared.normals, prepared.planarity
     return Surface(prepared.keys, *prepared.block, *rows, jnp.asarray(is_signed))
 
 
@@ -171,7 +171,7 @@ def sample_of(prepared: PreparedMap, num_points: int) -> Sample:
     weights = np.full(num_points, 1.0 / num_points, np.float32)
     is_planar = np.asarray(prepared.planarity)[rows] > MIN_PLANARITY
     normals = np.where(is_planar[:, None], np.asarray(prepared.normals)[rows], np.float32(0.0))
-    return Sample(np.asarray(prepared.points)[rows], normals, weights, np.asarray(prepared.centroid))
+    return Sample(np.asarray(prepared.anchors)[rows], normals, weights, np.asarray(prepared.centroid))
 
 
 @partial(jax.jit, static_argnames=("loss",))

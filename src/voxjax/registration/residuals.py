@@ -41,7 +41,7 @@ class Surface(NamedTuple):
         dims: Size of its block [voxel].
         origin: Its outer corner [m].
         voxel_size: [m].
-        points: Voxel centres that the keys point to [m].
+        points: Of the voxels that the keys point to, on the planes there [m].
         normals: Unit normals there.
         planarity: In [0, 1]: how far to trust the normals.
         is_signed: Whether the normals of both maps point to free space, so that two sides of a wall differ.
