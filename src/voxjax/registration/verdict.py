@@ -36,7 +36,7 @@ class Coefficients(NamedTuple):
     support: float
 
 
-WITH_FREE_SPACE = Coefficients(none=-10.3, score=4.8, support=0.1)
+WITH_FREE_SPACE = Coefficients(none=-12.4, score=6.4, support=0.0)
 WITHOUT_FREE_SPACE = Coefficients(none=-6.2, score=3.1, support=3.0)
 """Without free space nothing can speak against a pose, and chance agreement is large: the evidence must stand out."""
 
