@@ -135,9 +135,10 @@ def test_losses_follow_their_definition_and_have_a_slope_at_zero(loss):
     np.testing.assert_allclose(slope[0, :, 0], np.eye(3), atol=1e-6)
 
 
-def test_residuals_equal_a_search_over_all_voxels(arrays):
+def test_residuals_equal_a_search_over_all_voxels(arrays, pair):
     """Brute force over the surface, point by point, away from ties and from the end of the reach."""
     surface, sample, T = arrays
+    centres = np.asarray(pair[0].points, np.float64)
     scale = np.float32(0.2)
     points, normals_b, weights = (np.asarray(x)[::16] for x in sample[:3])
     few = Sample(points, normals_b, weights, sample.centroid)
@@ -146,7 +147,7 @@ def test_residuals_equal_a_search_over_all_voxels(arrays):
     )
     voxels, normals = np.asarray(surface.points, np.float64), np.asarray(surface.normals, np.float64)
     planarity = np.asarray(surface.planarity)
-    cells = np.floor((voxels - np.asarray(surface.origin)) / VOXEL)
+    cells = np.floor((centres - np.asarray(surface.origin)) / VOXEL)
     checked = 0
     for k, point in enumerate(np.asarray(few.points, np.float64)):
         p = T[:3, :3].astype(np.float64) @ point + T[:3, 3]
