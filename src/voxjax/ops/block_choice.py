@@ -1,0 +1,74 @@
+"""`box_count` at listed voxels, by the whole grid or by the blocks that the voxels lie in."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jax.core import Tracer
+from jaxtyping import Bool, Int32, UInt16
+
+from .._buckets import bucket_size
+from .._checks import check_choice, check_odd_window
+from .._types import Array
+from .block_words import BLOCK, WORD, Occupied, block_lattice, pack_words
+from .blocks import count_in_blocks, cut_blocks, take_from_blocks
+from .window import box_count
+
+MAX_BLOCK_SHARE = 0.2
+"""Share of a grid's blocks up to which counting in blocks is the faster way.
+
+Measured at 256 cubed on two cores, the packing of the grid included: both ways take equally long at 0.22 to 0.25 where
+the memory of earlier calls is kept (huge pages), and at 0.35 to 0.45 with the default allocator, which slows the
+dense way more. `bench/kernel_rows/blocks.py` measures it again.
+"""
+
+
+def box_count_at(
+    occupied: Occupied, index: Int32[Array, "n 3"], *, size: int = 7, implementation: str | None = None
+) -> UInt16[Array, "n"]:
+    """`box_count` at listed voxels only: what most callers want of it.
+
+    Args:
+        occupied: True (or not 0) where a voxel is occupied.
+        index: Voxels inside the grid, occupied or not; rows may repeat.
+        size: Window edge [voxel]; odd, 1 to 15.
+        implementation: "dense": the whole grid, then the listed voxels; "blocks": the blocks that the listed voxels
+            lie in, cut from the grid's bits; host code, as it reads back how many they are. None takes "blocks" up to
+            a share of `MAX_BLOCK_SHARE` of the blocks of the grid; under `jax.jit`, where the share is not known,
+            "dense".
+
+    Returns:
+        uint16 in [0, size**3], in the order of `index`; both ways give the same.
+
+    Raises:
+        InputError: If `size` is no window size or the implementation is unknown.
+    """
+    size = check_odd_window("size", size)
+    is_traced = isinstance(occupied, Tracer) or isinstance(index, Tracer)
+    if implementation is not None:
+        check_choice("implementation", implementation, ("dense", "blocks"))
+    if 0 in occupied.shape or index.shape[0] == 0:
+        return jnp.zeros((index.shape[0],), jnp.uint16)
+    if implementation == "dense" or (implementation is None and is_traced):
+        return _dense_at(occupied, index, size=size)
+    words_shape = (*occupied.shape[:2], -(-occupied.shape[2] // WORD))
+    flags = _blocks_of(index, lattice=block_lattice(words_shape))
+    count = int(jnp.sum(flags, dtype=jnp.int32))
+    if implementation is None and count > MAX_BLOCK_SHARE * flags.size:
+        return _dense_at(occupied, index, size=size)
+    blocks = cut_blocks(pack_words(occupied), flags, halo=size // 2, capacity=bucket_size(count))
+    return take_from_blocks(count_in_blocks(blocks, size=size), blocks, index, lattice=flags.shape)[0]
+
+
+@partial(jax.jit, static_argnames=("size",))
+def _dense_at(occupied: Occupied, index: Int32[Array, "n 3"], *, size: int) -> UInt16[Array, "n"]:
+    """Counts of the whole grid, then those asked for."""
+    counts = box_count(occupied, size=size)
+    return counts[index[:, 0], index[:, 1], index[:, 2]]
+
+
+@partial(jax.jit, static_argnames=("lattice",))
+def _blocks_of(index: Int32[Array, "n 3"], *, lattice: tuple[int, int, int]) -> Bool[Array, "bx by bz"]:
+    """Which blocks hold a listed voxel."""
+    place = jnp.asarray(index) // BLOCK
+    return jnp.zeros(lattice, jnp.bool_).at[place[:, 0], place[:, 1], place[:, 2]].set(True, mode="drop")
