@@ -110,7 +110,7 @@ def _cut(words: jax.Array, index: jax.Array, mask: jax.Array, halo: int) -> jax.
     is_inside = ((x >= 0) & (x < x_size) & mask[:, None])[:, :, None] & ((y >= 0) & (y < y_size))[:, None, :]
     base = (x[:, :, None] * y_size + y[:, None, :]) * w_size
 
-    def take(word: Array) -> Array:
+    def take(word: jax.Array) -> jax.Array:
         has_word = is_inside & ((word >= 0) & (word < w_size))[:, None, None]
         place = jnp.where(has_word, base + word[:, None, None], 0)
         return jnp.where(has_word, flat.at[place].get(mode="promise_in_bounds"), np.uint32(0))
