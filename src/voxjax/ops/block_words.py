@@ -10,7 +10,7 @@ import operator
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Int32, UInt8, UInt32
+from jaxtyping import Bool, UInt8, UInt32
 
 from .._types import Array
 
@@ -88,47 +88,3 @@ def occupied_blocks(words: Words) -> Bool[Array, "bx by bz"]:
     columns = functools.reduce(operator.or_, (planes[:, :, i] for i in range(BLOCK)))
     shifts = jnp.arange(0, WORD, BLOCK, dtype=jnp.uint32)
     return (((columns[..., None] >> shifts[None, None, None, :]) & np.uint32(255)) != 0).reshape(lattice)
-
-
-@functools.partial(jax.jit, static_argnames=("capacity",))
-def true_places(
-    flags: Bool[Array, "n"], *, capacity: int
-) -> tuple[Int32[Array, "capacity"], Int32[Array, ""]]:
-    """Places of the True flags in order, and how many there are.
-
-    Several times faster on CPU than `jnp.nonzero(size=)`: the flags are counted a word at a time and a search in
-    the sums of the words finds each one's word.
-
-    Args:
-        flags: Any number below 2**31.
-        capacity: Length of the list.
-
-    Returns:
-        int32 places, `n` in the rows that are left over; and the number of True flags, which may be larger than
-        `capacity`: the last ones are missing then.
-    """
-    n = flags.shape[0]
-    if n == 0:
-        return jnp.zeros((capacity,), jnp.int32), jnp.int32(0)
-    bits = _pack(flags[None, None, :]).reshape(-1)
-    counts = jax.lax.population_count(bits).astype(jnp.int32)
-    ends = jnp.cumsum(counts, dtype=jnp.int32)
-    rank = jnp.arange(capacity, dtype=jnp.int32)
-    word = jnp.searchsorted(ends, rank, side="right").astype(jnp.int32)
-    word = jnp.minimum(word, bits.shape[0] - 1)
-    rest = rank - (ends[word] - counts[word])
-    places = jnp.where(rank < ends[-1], word * WORD + _bit_of_rank(bits[word], rest), n)
-    return places, ends[-1]
-
-
-def _bit_of_rank(bits: Array, rank: Array) -> Array:
-    """Place of the set bit with `rank` set bits below it, by halving the word five times."""
-    place = jnp.zeros(bits.shape, jnp.int32)
-    for width in (16, 8, 4, 2, 1):
-        low = bits & np.uint32((1 << width) - 1)
-        below = jax.lax.population_count(low).astype(jnp.int32)
-        is_above = rank >= below
-        place = place + jnp.where(is_above, np.int32(width), np.int32(0))
-        rank = rank - jnp.where(is_above, below, np.int32(0))
-        bits = jnp.where(is_above, bits >> np.uint32(width), low)
-    return place

@@ -16,7 +16,8 @@ from jaxtyping import Bool, Int32, Shaped, UInt16, UInt32
 from .._buckets import bucket_size
 from .._checks import InputError, check_odd_window
 from .._types import Array
-from .block_words import BLOCK, WORD, Words, block_lattice, occupied_blocks, true_places
+from .block_words import BLOCK, WORD, Words, block_lattice, occupied_blocks
+from .compact import occupied_indices
 from .window import MAX_SIZE
 
 MAX_HALO = (WORD - BLOCK) // 2
@@ -87,14 +88,12 @@ def cut_blocks(words: Words, flags: Bool[Array, "bx by bz"], *, halo: int, capac
         raise InputError(f"halo must be 0 to {MAX_HALO} voxels, got {halo}.")
     if flags.shape != lattice:
         raise InputError(f"flags must have the shape of the lattice of blocks {lattice}, got {flags.shape}.")
-    side = BLOCK + 2 * halo
-    places, num_found = true_places(flags.reshape(-1), capacity=capacity)
-    mask = jnp.arange(capacity, dtype=jnp.int32) < num_found
-    per_x = np.int32(max(lattice[1] * lattice[2], 1))
-    per_y = np.int32(max(lattice[2], 1))
-    index = jnp.stack([places // per_x, places % per_x // per_y, places % per_y], axis=1)
-    # The place after the last one is block (bx, 0, 0): outside, so that writes to it are dropped.
+    listed, mask = occupied_indices(flags, size=capacity)
+    # Rows left over lie outside, so that writes to them are dropped.
+    index = jnp.where(mask[:, None], listed, jnp.asarray(lattice, jnp.int32)[None, :])
+    num_found = jnp.sum(flags, dtype=jnp.int32)
     if 0 in words.shape:
+        side = BLOCK + 2 * halo
         return Blocks(jnp.zeros((capacity, side, side), jnp.uint32), index, mask, num_found)
     return Blocks(_cut(jnp.asarray(words), index, mask, halo), index, mask, num_found)
 

@@ -222,7 +222,7 @@ def _features_of_all(grids: Sequence[VoxelGrid], settings: Config, announce: OnS
     for number, grid in enumerate(grids):
         if grid.num_occupied:
             announce(f"features of map {number}")
-            found.append(prepare(grid, voxel_size=voxel_size))
+            found.append(prepare(grid, voxel_size=voxel_size, infer_free_space=settings.map.infer_free_space))
     shared = iter(share_sizes(found))
     return [next(shared) if grid.num_occupied else None for grid in grids]
 

@@ -13,7 +13,7 @@ from .._results import RESULTS
 from ..grid import VoxelGrid
 from ..registration.conflict_pieces import evidence
 from ..registration.leaders import Leaders
-from ..registration.map_features import MapFeatures, map_features, share_sizes
+from ..registration.map_features import FREE_SPACE, MapFeatures, map_features, share_sizes
 from ..registration.paper import register_paper
 from ..registration.refine import refine
 from ..registration.types import Evidence, Hypothesis, Registration
@@ -83,9 +83,10 @@ def register(
     seconds = {}
     start = time.perf_counter()
     announce("features of a")
-    features_a = prepare(a, voxel_size=size)
+    infer = settings.map.infer_free_space
+    features_a = prepare(a, voxel_size=size, infer_free_space=infer)
     announce("features of b")
-    features_b = prepare(b, voxel_size=size)
+    features_b = prepare(b, voxel_size=size, infer_free_space=infer)
     features_a, features_b = share_sizes([features_a, features_b])
     seconds["features"] = time.perf_counter() - start
     return register_prepared(
@@ -105,13 +106,16 @@ def working_voxel_size(grids: list[VoxelGrid], settings: Config) -> float:
     return max(sizes)
 
 
-def prepare(grid: VoxelGrid, *, voxel_size: float, max_virtual: int = 256) -> MapFeatures:
+def prepare(
+    grid: VoxelGrid, *, voxel_size: float, max_virtual: int = 256, infer_free_space: bool = True
+) -> MapFeatures:
     """Features of one map for all its pairs.
 
     Args:
         grid: With at least one occupied voxel.
         voxel_size: Working voxel size [m] of all maps that it is compared with.
         max_virtual: Largest number of virtual corners.
+        infer_free_space: Take what surfaces enclose for free where the map records no free space.
 
     Raises:
         InputError: If nothing is occupied.
@@ -123,6 +127,7 @@ def prepare(grid: VoxelGrid, *, voxel_size: float, max_virtual: int = 256) -> Ma
     return map_features(
         grid if same else grid.with_voxel_size(voxel_size),
         max_virtual=max_virtual,
+        infer_free_space=infer_free_space,
     )
 
 
@@ -158,10 +163,14 @@ def register_prepared(
     release_kernels_if_crowded()
 
     has_free_space = a.prepared.has_free_space and b.prepared.has_free_space
+    free_space = min(a.free_space, b.free_space, key=FREE_SPACE.index)
 
     def verdict_of(leaders: Leaders) -> Finding:
         return decide(
-            leaders.judgement, has_free_space=has_free_space, **dataclasses.asdict(settings.verdict)
+            leaders.judgement,
+            has_free_space=has_free_space,
+            is_inferred=free_space == "inferred",
+            **dataclasses.asdict(settings.verdict),
         )
 
     def is_decided(leaders: Leaders) -> bool:
@@ -214,7 +223,8 @@ def register_prepared(
             T_a_b=T_a_b, verdict=finding.verdict, confidence=finding.confidence, covariance=covariance,
             hypotheses=hypotheses, reason=finding.reason, result=result[finding.verdict], stats={},
         ),
-        found.stats | {"source": hypotheses[0].source, "has_free_space": has_free_space}, seconds,
+        found.stats | {"source": hypotheses[0].source, "has_free_space": has_free_space, "free_space": free_space},
+        seconds,
     )  # fmt: skip
 
 

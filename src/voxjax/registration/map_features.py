@@ -13,8 +13,12 @@ from ..grid import VoxelGrid
 from ..matching.descriptors import MapDescriptors, describe_map
 from ..planes.extract import extract_planes
 from . import prepared as prepared_maps
+from .inferred_space import infer_free_space as infer_space
 from .prepared import PreparedMap, prepare_map
 from .rotations import dominant_directions, sample_normals
+
+FREE_SPACE = ("unknown", "inferred", "observed")
+"""Where a map's free space is from, the least reliable first."""
 
 DIRECTION_PLANARITY = 0.5
 """Voxels at least so planar vote for directions."""
@@ -51,6 +55,7 @@ class MapFeatures:
         shares: Share of the surface along each.
         normals: Normals drawn by leverage, that rotations are judged by.
         late: Corners and descriptors.
+        free_space: "observed" by the sensor, "inferred" from what encloses it, or "unknown".
     """
 
     prepared: PreparedMap
@@ -58,6 +63,7 @@ class MapFeatures:
     shares: Float[np.ndarray, "k"]
     normals: Float32[np.ndarray, "s 3"]
     late: LateFeatures
+    free_space: str
 
     @property
     def corners(self) -> Corners:
@@ -65,13 +71,18 @@ class MapFeatures:
         return self.late.corners
 
 
-def map_features(grid: VoxelGrid, *, max_virtual: int) -> MapFeatures:
+def map_features(grid: VoxelGrid, *, max_virtual: int, infer_free_space: bool = True) -> MapFeatures:
     """Features of a map that has occupied voxels.
 
     Args:
         grid: At the working voxel size.
         max_virtual: Largest number of virtual corners.
+        infer_free_space: Take what surfaces enclose for free where the map records no free space.
     """
+    free_space = "observed"
+    if grid.num_free == 0:
+        grid = infer_space(grid) if infer_free_space else grid
+        free_space = "inferred" if grid.num_free else "unknown"
     prepared = prepare_map(grid)
     count = prepared.num_points
     normals, planarity = np.asarray(prepared.normals)[:count], np.asarray(prepared.planarity)[:count]
@@ -84,6 +95,7 @@ def map_features(grid: VoxelGrid, *, max_virtual: int) -> MapFeatures:
         shares=shares,
         normals=sample_normals(normals, leverage if leverage.sum() > 0 else np.ones(count)),
         late=LateFeatures(prepared.grid, max_virtual),
+        free_space=free_space,
     )
 
 

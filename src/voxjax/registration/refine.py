@@ -43,8 +43,8 @@ TOLERANCE = 1e-5
 
 PATCH_VOXELS = 1000.0
 """Surface voxels that share one error: maps are wrong by whole patches, not voxel by voxel. With so many the normalised
-errors squared of accepted generated pairs have the mean that they should have (`python -m bench calibration`); maps that
-drift by more than a voxel need more."""
+errors squared of accepted generated pairs have the mean that they should have (`python -m bench calibration`); maps
+that drift by more than a voxel need more."""
 
 MAP_ACCURACY = 0.1
 """Error that no number of patches takes away [voxel], and about the same at the map's radius."""

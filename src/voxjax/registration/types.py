@@ -68,7 +68,7 @@ class Registration(eqx.Module):
         reason: One sentence for a person.
         result: How the computation ended.
         stats: "num_corners_a", "num_corners_b", "num_associations", "clique_size", "num_hypotheses",
-            "seconds" ({stage: s}).
+            "seconds" ({stage: s}), "free_space" ("observed", "inferred" or "unknown", the worse of both maps).
     """
 
     T_a_b: Float32[Array, "4 4"]

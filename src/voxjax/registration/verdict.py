@@ -88,6 +88,7 @@ def decide(
     judgement: Judgement,
     *,
     has_free_space: bool,
+    is_inferred: bool = False,
     min_confidence: float,
     min_confidence_beside_rivals: float,
     max_conflict: float,
@@ -99,6 +100,7 @@ def decide(
     Args:
         judgement: Evidence of the leaders.
         has_free_space: Whether both maps know free space.
+        is_inferred: Whether free space of a map was inferred (`inferred_space`), which the reason mentions.
         min_confidence: Least probability of an accepted pose.
         min_confidence_beside_rivals: The same where free space must decide between poses that score alike.
         max_conflict: Largest share of conflicts, of the voxels that hit or conflict, of an accepted pose.
@@ -115,6 +117,8 @@ def decide(
     shown = f"{100 * judgement.hits[0]:.0f} % of the surfaces agree, {100 * conflict:.1f} % of what meets conflicts"
     if not has_free_space:
         shown += ", free space unknown"
+    elif is_inferred:
+        shown += ", free space inferred from what encloses it"
     if scores[0] <= 0.0 or none > max(0.5, confidence):
         return Finding("no_overlap", confidence, f"No pose is supported by the maps: at best {shown}.")
     if conflict > max_conflict:
