@@ -1,5 +1,3 @@
-import itertools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,97 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from scipy import ndimage
 
 from oracles import sliding_window
-from voxjax._checks import InputError
-from voxjax.ops.window import box_count, count_change, count_steady_directions, shift_directions
-
-IMPLEMENTATIONS = ("separable", "summed_area")
+from voxjax.ops.window import count_change, count_steady_directions, shift_directions, window_classes
 
 
 def _random(shape, share=0.3, seed=0):
     return np.random.default_rng(seed).random(shape) < share
-
-
-@pytest.mark.parametrize("implementation", IMPLEMENTATIONS)
-@pytest.mark.parametrize("size", [1, 3, 5, 7, 11, 15])
-def test_counts_equal_shifted_copies_for_every_size(implementation, size):
-    occupied = _random((9, 17, 6))
-    count = box_count(occupied, size=size, implementation=implementation)
-    assert count.dtype == jnp.uint16
-    np.testing.assert_array_equal(np.asarray(count), sliding_window.window_count(occupied, size))
-
-
-@pytest.mark.parametrize("implementation", IMPLEMENTATIONS)
-@pytest.mark.parametrize("shape", [(1, 1, 1), (1, 1, 20), (2, 30, 1)])
-def test_thin_grids_and_windows_larger_than_the_grid(implementation, shape):
-    occupied = _random(shape, 0.6)
-    expected = ndimage.correlate(occupied.astype(np.int64), np.ones((7, 7, 7), np.int64), mode="constant")
-    np.testing.assert_array_equal(np.asarray(box_count(occupied, implementation=implementation)), expected)
-
-
-@pytest.mark.parametrize("implementation", IMPLEMENTATIONS)
-@pytest.mark.parametrize("shape", [(0, 0, 0), (4, 0, 3)])
-def test_grids_without_voxels_have_no_counts(implementation, shape):
-    assert box_count(np.zeros(shape, bool), implementation=implementation).shape == shape
-
-
-@pytest.mark.parametrize("implementation", IMPLEMENTATIONS)
-def test_full_grid_reaches_the_largest_count(implementation):
-    full = np.ones((16, 16, 16), bool)
-    for size in (7, 15):
-        assert int(box_count(full, size=size, implementation=implementation)[8, 8, 8]) == size**3
-
-
-@pytest.mark.parametrize("implementation", IMPLEMENTATIONS)
-def test_bool_and_uint8_grids_count_alike(implementation):
-    occupied = _random((6, 7, 8))
-    as_bytes = np.where(occupied, np.uint8(2), np.uint8(0))
-    np.testing.assert_array_equal(
-        np.asarray(box_count(occupied, implementation=implementation)),
-        np.asarray(box_count(as_bytes, implementation=implementation)),
-    )
-
-
-@pytest.mark.parametrize("implementation", ["separable", "summed_area"])
-def test_counts_under_vmap_equal_counts_one_by_one(implementation):
-    grids = _random((3, 6, 7, 8))
-    batched = jax.vmap(lambda g: box_count(g, size=5, implementation=implementation))(jnp.asarray(grids))
-    for grid, count in zip(grids, batched, strict=True):
-        np.testing.assert_array_equal(np.asarray(count), sliding_window.window_count(grid, 5))
-
-
-@settings(max_examples=25, deadline=None)
-@given(hnp.arrays(bool, (6, 5, 7)), st.sampled_from([3, 7]))
-def test_both_implementations_agree_on_any_grid(occupied, size):
-    a = box_count(occupied, size=size, implementation="separable")
-    b = box_count(occupied, size=size, implementation="summed_area")
-    np.testing.assert_array_equal(np.asarray(a), np.asarray(b))
-
-
-@pytest.mark.parametrize("axes", list(itertools.permutations(range(3)))[1::2])
-def test_counts_turn_with_the_grid(axes):
-    occupied = _random((8, 9, 10))
-    turned = np.flip(np.transpose(occupied, axes), axis=0).copy()
-    expected = np.flip(np.transpose(np.asarray(box_count(occupied)), axes), axis=0)
-    np.testing.assert_array_equal(np.asarray(box_count(turned)), expected)
-
-
-@pytest.mark.parametrize("size", [0, 2, -1, 17])
-def test_window_sizes_that_cannot_be_are_refused(size):
-    with pytest.raises(InputError, match="size"):
-        box_count(np.zeros((3, 3, 3), bool), size=size)
-
-
-def test_default_implementation_counts_too():
-    occupied = _random((6, 7, 8))
-    np.testing.assert_array_equal(np.asarray(box_count(occupied)), sliding_window.window_count(occupied, 7))
-
-
-def test_unknown_implementation_is_refused():
-    with pytest.raises(InputError, match="implementation"):
-        box_count(np.zeros((3, 3, 3), bool), implementation="magic")
 
 
 @pytest.mark.parametrize("shift", [1, 2, 3, 4])
@@ -128,3 +42,46 @@ def test_nothing_changes_inside_a_full_grid():
     full = np.ones((15, 15, 15), bool)
     assert not np.asarray(count_change(full))[7, 7, 7].any()
     assert not np.asarray(count_change(np.zeros((4, 4, 4), bool))).any()
+
+
+@settings(max_examples=15, deadline=None)
+@given(hnp.arrays(bool, (5, 4, 6)), st.sampled_from([1, 20, 100, 150]))
+def test_classes_equal_those_of_the_loop_on_any_grid(occupied, min_change):
+    classes = window_classes(occupied, np.int32(min_change), size=5, shift=3)
+    assert classes.dtype == jnp.uint8
+    np.testing.assert_array_equal(np.asarray(classes), sliding_window.classes(occupied, 5, 3, min_change))
+
+
+@pytest.mark.parametrize(("min_change", "steady"), [(-5, 0), (0, 0), (2**31 - 1, 13)])
+def test_bounds_that_no_change_or_every_change_reaches(min_change, steady):
+    occupied = np.ones((5, 5, 5), bool)
+    found = np.asarray(count_steady_directions(occupied, np.int32(min_change), size=15, shift=8))
+    assert (found == steady).all()
+
+
+@pytest.mark.parametrize("size", [7, 15])
+def test_largest_counts_do_not_wrap(size):
+    """A full block of windows beside nothing: counts from 0 to size cubed meet in the comparisons."""
+    occupied = np.zeros((size + size // 2 + 1, size, size // 2), bool)
+    occupied[:size] = True
+    change = sliding_window.changes(occupied, size, size // 2 + 1)
+    np.testing.assert_array_equal(np.asarray(count_change(occupied, size=size, shift=size // 2 + 1)), change)
+    steady = count_steady_directions(occupied, np.int32(90), size=size, shift=size // 2 + 1)
+    has_voxels = sliding_window.window_count(occupied, size) > 0
+    np.testing.assert_array_equal(np.asarray(steady)[has_voxels], (change < 90).sum(axis=-1)[has_voxels])
+
+
+def test_changes_and_classes_under_vmap_equal_those_one_by_one():
+    grids = np.stack([_random((5, 6, 7), 0.3, seed) for seed in range(2)])
+    changes = jax.vmap(lambda grid: count_change(grid, size=3, shift=2))(jnp.asarray(grids))
+    classes = jax.vmap(lambda grid: window_classes(grid, np.int32(40), size=3, shift=2))(jnp.asarray(grids))
+    for grid, change, kind in zip(grids, changes, classes, strict=True):
+        np.testing.assert_array_equal(np.asarray(change), sliding_window.changes(grid, 3, 2))
+        np.testing.assert_array_equal(np.asarray(kind), sliding_window.classes(grid, 3, 2, 40))
+
+
+@pytest.mark.parametrize("shape", [(0, 0, 0), (4, 0, 3)])
+def test_grids_without_voxels_have_no_classes(shape):
+    grid = np.zeros(shape, bool)
+    assert window_classes(grid, np.int32(20)).shape == shape
+    assert count_change(grid).shape == (*shape, 13)

@@ -37,10 +37,12 @@ def packed(is_occupied: Array, size: int, margin: int = 0) -> jax.Array:
     words = pack_bits(rows.reshape(-1)).reshape(nx, ny, num_words)
     # One word more at the end: the last windows take bits from it.
     words = jax.lax.pad(words, jnp.uint32(0), [(halo, halo, 0), (halo, halo, 0), (0, 1, 0)])
-    first = jnp.arange(_WORD, dtype=jnp.uint32)
+    first = jnp.arange(_WORD, dtype=jnp.uint32)[None, None, None]
     here = jnp.right_shift(words[:, :, :-1, None], first)
     # In two steps, since no device need shift by 32.
-    after = jnp.left_shift(jnp.left_shift(words[:, :, 1:, None], jnp.uint32(1)), jnp.uint32(_WORD - 1) - first)
+    after = jnp.left_shift(
+        jnp.left_shift(words[:, :, 1:, None], jnp.uint32(1)), jnp.uint32(_WORD - 1) - first
+    )
     bits = (here | after) & jnp.uint32((1 << size) - 1)
     counts = jax.lax.population_count(bits).astype(jnp.uint8).reshape(*words.shape[:2], _WORD * num_words)
     return _sum_rows_and_planes(counts[:, :, : nz + 2 * margin], size)
@@ -66,7 +68,7 @@ def _sum_rows_and_planes(counts: Array, size: int) -> jax.Array:
     return _sum_along(jax.lax.optimization_barrier(counts), 0, size, 255 // size**2).astype(jnp.uint16)
 
 
-def _sum_along(counts: Array, axis: int, size: int, num_narrow: int) -> jax.Array:
+def _sum_along(counts: jax.Array, axis: int, size: int, num_narrow: int) -> jax.Array:
     """Sums of `size` neighbours, `size` - 1 fewer than there were; the sum of `num_narrow` terms fits uint8.
 
     All terms are added in one loop. Sums of 1, 2 and 4 terms would need fewer additions, but one array more for
@@ -74,7 +76,9 @@ def _sum_along(counts: Array, axis: int, size: int, num_narrow: int) -> jax.Arra
     """
     length = counts.shape[axis] - size + 1
     terms = [jax.lax.slice_in_dim(counts, k, k + length, axis=axis) for k in range(size)]
-    parts = [sum(terms[k + 1 : k + num_narrow], terms[k]) for k in range(0, size, num_narrow)]
+    parts: list[jax.Array] = [
+        sum(terms[k + 1 : k + num_narrow], terms[k]) for k in range(0, size, num_narrow)
+    ]
     if len(parts) == 1:
         return parts[0]
     wide = [part.astype(jnp.uint16) for part in parts]

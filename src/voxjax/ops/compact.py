@@ -56,7 +56,7 @@ def pack_bits(bits: Bool[Array, "n"], multiple: int = 1) -> UInt32[Array, "m"]:
     short = -len(bits) % (_BITS * multiple)
     if short:
         bits = jnp.concatenate([jnp.asarray(bits), jnp.zeros(short, jnp.bool_)])
-    weight = jnp.left_shift(jnp.uint32(1), jnp.arange(_BITS, dtype=jnp.uint32))
+    weight = jnp.left_shift(jnp.uint32(1), jnp.arange(_BITS, dtype=jnp.uint32))[None]
     return jnp.sum(jnp.where(bits.reshape(-1, _BITS), weight, jnp.uint32(0)), axis=1, dtype=jnp.uint32)
 
 

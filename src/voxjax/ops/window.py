@@ -61,8 +61,10 @@ def count_change(occupied: Occupied, *, size: int = 7, shift: int = 4) -> UInt8[
         high = jnp.maximum(ahead, behind).astype(jnp.float32)
         low = jnp.minimum(ahead, behind).astype(jnp.float32)
         change = jnp.float32(100) * jnp.maximum(high - here, here - low)
-        percent.append(_whole_ratio(jnp.minimum(change, jnp.float32(255) * bound), bound))
-    return jnp.where(here[..., None] > 0, jnp.stack(percent, axis=-1), jnp.float32(0)).astype(jnp.uint8)
+        change = jnp.where(here > 0, jnp.minimum(change, jnp.float32(255) * bound), jnp.float32(0))
+        # As uint8 before they are stacked: the stack keeps all 13 in memory.
+        percent.append(_whole_ratio(change, bound).astype(jnp.uint8))
+    return jnp.stack(percent, axis=-1)
 
 
 @partial(jax.jit, static_argnames=("size", "shift"))
