@@ -174,16 +174,21 @@ def test_a_grid_without_voxels_has_no_components(implementation):
 
 
 def test_what_is_unknown_is_refused():
-    occupied, unknown = np.ones((2, 2, 2), bool), {"connectivity": 8}
+    occupied = np.ones((2, 2, 2), bool)
     with pytest.raises(vx.InputError, match="connectivity"):
-        connected_components(occupied, **unknown)  # pyright: ignore[reportArgumentType]
+        connected_components(occupied, connectivity=8)
     with pytest.raises(vx.InputError, match="implementation"):
-        connected_components(occupied, implementation="cc3d")  # pyright: ignore[reportArgumentType]
+        connected_components(occupied, implementation="cc3d")
+    index, mask, dims, size = listed(occupied)
+    with pytest.raises(vx.InputError, match="connectivity"):
+        label_voxels(index, mask, dims, flat_size=size, connectivity=4)
+    with pytest.raises(vx.InputError, match="rows"):
+        label_voxels(index[:0], mask[:0], dims, flat_size=size)
 
 
 @pytest.mark.real_maps
 def test_real_maps_settle_within_ten_rounds(maps_folder):
-    for name in ("split_geb079/a.bt", "balm_r10_AC/a.bt"):
+    for name in ("split_geb079/a.bt", "split_freiburg1_360/a.bt"):
         occupied = np.asarray(vx.read_map(maps_folder / "real" / name).states) == 2
         index, mask, dims, size = listed(occupied)
         for connectivity in CONNECTIVITIES:

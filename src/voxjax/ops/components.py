@@ -9,7 +9,7 @@ import functools
 import itertools
 from collections.abc import Callable
 from functools import partial
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,9 +20,6 @@ from scipy import ndimage
 from .._buckets import bucket_size, pad_rows
 from .._checks import InputError, check_choice
 from .._types import Array
-
-Connectivity = Literal[6, 18, 26]
-Implementation = Literal["scipy", "compact"]
 
 _RowsOf = Callable[[Array], list[tuple[Array, Array]]]
 
@@ -48,8 +45,8 @@ class Regions(NamedTuple):
 def connected_components(
     occupied: Bool[Array, "x y z"],
     *,
-    connectivity: Connectivity = 26,
-    implementation: Implementation | None = None,
+    connectivity: int = 26,
+    implementation: str | None = None,
 ) -> tuple[Int32[Array, "x y z"], int]:
     """Label the connected components of occupied voxels.
 
@@ -66,7 +63,7 @@ def connected_components(
         Labels and the number of components.
 
     Raises:
-        InputError: If the connectivity or the implementation is unknown.
+        InputError: If the connectivity or the implementation is unknown, or there are too many voxels.
     """
     _check_connectivity(connectivity)
     if implementation is None:
@@ -98,7 +95,7 @@ def label_voxels(
     dims: Int32[Array, "3"],
     *,
     flat_size: int,
-    connectivity: Connectivity = 26,
+    connectivity: int = 26,
 ) -> Regions:
     """Connected components of a list of voxels.
 
@@ -115,7 +112,7 @@ def label_voxels(
         `Regions`, rows as in `index`.
 
     Raises:
-        InputError: If the connectivity is unknown or the list is too long for an entry of the table of neighbours.
+        InputError: If the connectivity is unknown, or the list is empty or too long.
     """
     return _label(
         _neighbours(index, mask, dims, flat_size=flat_size, connectivity=connectivity), mask, _ends_of
@@ -131,7 +128,7 @@ def grow_regions(
     min_cosine: float | Float[Array, ""],
     *,
     flat_size: int,
-    connectivity: Connectivity = 26,
+    connectivity: int = 26,
     is_signed: bool = True,
 ) -> Regions:
     """Connected components where only voxels of like normals are joined.
@@ -154,7 +151,7 @@ def grow_regions(
         `Regions`, rows as in `index`.
 
     Raises:
-        InputError: If the connectivity is unknown or the list is too long for an entry of the table of neighbours.
+        InputError: If the connectivity is unknown, or the list is empty or too long.
     """
     neighbours = _neighbours(index, mask, dims, flat_size=flat_size, connectivity=connectivity)
     axes = jnp.asarray(normal).T
@@ -177,7 +174,7 @@ def padded_size(shape: tuple[int, ...]) -> int:
 
 
 def _neighbours(
-    index: Array, mask: Array, dims: Array, *, flat_size: int, connectivity: Connectivity
+    index: Array, mask: Array, dims: Array, *, flat_size: int, connectivity: int
 ) -> Int32[Array, "k n"]:
     """The neighbours of each listed voxel, column by column of the block.
 
@@ -187,12 +184,15 @@ def _neighbours(
     being listed and one for being joined. Listing all 26 rows instead took twice the time, for the memory.
     """
     _check_connectivity(connectivity)
-    if index.shape[0] >= _MAX_ROWS:
-        raise InputError(f"index must list fewer than {_MAX_ROWS} voxels, got {index.shape[0]}; use tiles.")
+    if not 0 < index.shape[0] < _MAX_ROWS:
+        raise InputError(
+            f"index must have 1 to {_MAX_ROWS - 1} rows, got {index.shape[0]}; pad it, or use tiles."
+        )
     # One empty voxel around the block: no neighbour lies outside, none wraps round.
     height, depth = dims[1] + 2, dims[2] + 2
     place = ((index[:, 0] + 1) * height + index[:, 1] + 1) * depth + index[:, 2] + 1
-    is_new = jnp.concatenate([mask[:1], place[1:] > place[:-1]])
+    # Padding does not rise above the row before it; the first row is a voxel if any is.
+    is_new = jnp.concatenate([jnp.any(mask, keepdims=True), place[1:] > place[:-1]])
     bit = jnp.where(is_new, jnp.uint32(1) << (place & 31).astype(jnp.uint32), np.uint32(0))
     words = jnp.zeros((flat_size // 32 + 2,), jnp.uint32).at[place >> 5].add(bit)
     count = jax.lax.population_count(words).astype(jnp.int32)
@@ -267,7 +267,7 @@ def _label(neighbours: Int32[Array, "k n"], mask: Bool[Array, "n"], rows_of: _Ro
     return Regions(label, jnp.sum(is_root, dtype=jnp.int32), num_rounds)
 
 
-def _columns(connectivity: Connectivity) -> dict[tuple[int, int], int]:
+def _columns(connectivity: int) -> dict[tuple[int, int], int]:
     """The columns beside a voxel and its own, with one bit for each of z - 1, z, z + 1 that is a neighbour."""
     reach = {6: 1, 18: 2, 26: 3}[connectivity]
     columns: dict[tuple[int, int], int] = {}
