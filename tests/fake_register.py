@@ -76,6 +76,6 @@ class FakeRegister:
 
         monkeypatch.setattr(many, "register", self)
         monkeypatch.setattr(many, "register_prepared", self)
-        monkeypatch.setattr(many, "prepare", lambda grid, *, voxel_size: grid)
+        monkeypatch.setattr(many, "prepare", lambda grid, *, voxel_size, infer_free_space: grid)
         monkeypatch.setattr(many, "share_sizes", list)
         return self

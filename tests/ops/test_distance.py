@@ -31,7 +31,7 @@ def brute_force(occupied, radius):
 @settings(max_examples=25, deadline=None)
 @given(
     st.sampled_from([(9, 8, 7), (1, 1, 20), (1, 17, 2), (6, 1, 5), (1, 1, 1)]),
-    st.sampled_from([1, 2, 5, 8, MAX_RADIUS]),
+    st.sampled_from([1, 5, 8]),
     st.sampled_from([0.0, 0.01, 0.1, 1.0]),
     st.integers(0, 2**31),
 )
@@ -43,7 +43,7 @@ def test_field_equals_brute_force(shape, radius, share, seed):
     np.testing.assert_array_equal(nearest, expected_nearest)
 
 
-@pytest.mark.parametrize("radius", [3, 8, 15])
+@pytest.mark.parametrize("radius", [2, MAX_RADIUS])
 def test_field_is_scipys_truncated(radius):
     occupied = np.random.default_rng(radius).random((40, 33, 50)) < 5e-4
     distance, nearest = map(np.asarray, distance_field(occupied, radius=radius, voxel_size=1.0))

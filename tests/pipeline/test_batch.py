@@ -34,9 +34,9 @@ def test_a_batch_gives_what_each_pair_gives_alone(maps, monkeypatch):
     prepared, told = [], []
     real = batch.prepare
 
-    def prepare(grid, *, voxel_size):
+    def prepare(grid, *, voxel_size, infer_free_space):
         prepared.append(grid)
-        return real(grid, voxel_size=voxel_size)
+        return real(grid, voxel_size=voxel_size, infer_free_space=infer_free_space)
 
     monkeypatch.setattr(batch, "prepare", prepare)
     found = vx.register_batch([(a, b), (b, a), (a, a)], on_pair=lambda number, one: told.append(number))

@@ -141,7 +141,7 @@ def test_features_are_computed_once_a_map(monkeypatch, maps):
     FakeRegister(maps, WORLD).install(monkeypatch)
     prepared = []
 
-    def prepare(grid, *, voxel_size):
+    def prepare(grid, *, voxel_size, infer_free_space):
         prepared.append(voxel_size)
         return grid
 
