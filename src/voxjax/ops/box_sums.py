@@ -51,7 +51,7 @@ def packed(is_occupied: Array, size: int, margin: int = 0) -> jax.Array:
 def summed_area(is_occupied: Array, size: int, margin: int = 0) -> jax.Array:
     """Integral image and eight looked-up corners, one axis at a time, in uint32: work independent of `size`."""
     half = size // 2
-    table = is_occupied.astype(jnp.uint32)
+    table: jax.Array = jnp.asarray(is_occupied, jnp.uint32)
     for axis in range(3):
         length = table.shape[axis] + 2 * margin
         pad = [(0, 0)] * 3
