@@ -1,0 +1,182 @@
+"""Kernels on lists of surface voxels: moments and normals, eigenvectors, components, descriptors."""
+
+from collections.abc import Callable, Iterator
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy import ndimage
+from scipy.spatial import KDTree
+
+from bench.kernel_row import KernelRow, Target
+from bench.kernel_rows.scene import rooms
+from voxjax._buckets import bucket_size, pad_rows
+from voxjax._types import OCCUPIED
+from voxjax.ops.components import connected_components, grow_regions, label_voxels, padded_size
+from voxjax.ops.descriptor import point_feature_histograms, surface_normals
+from voxjax.ops.eigen import symmetric_eigen
+from voxjax.ops.moments import surface_moments
+
+try:
+    import open3d
+except ImportError:
+    open3d = None
+
+_NO_OPEN3D = "Open3D is not installed"
+
+
+def rows(*, quick: bool) -> Iterator[KernelRow]:
+    """Rows on one grid of rooms, 128 or 256 voxels a side."""
+    side = 128 if quick else 256
+    states = rooms(side)
+    for size in (5, 7):
+        yield _moments_row(states, size)
+    yield _eigen_row(20_000 if quick else 200_000)
+    for connectivity in (6, 18, 26):
+        yield _components_row(states == OCCUPIED, connectivity)
+    yield _regions_row(states)
+    yield _descriptor_row(states[:64, :64, :64] if quick else states[:96, :96, :96])
+
+
+def _moments_row(states: np.ndarray, size: int) -> KernelRow:
+    index = np.argwhere(states == OCCUPIED).astype(np.int32)
+    padded = pad_rows(index, bucket_size(len(index), 1024))
+    candidates: dict[str, Callable[[], object]] = {
+        "voxjax": lambda: surface_moments(states, padded, size=size)
+    }
+    normal = np.asarray(surface_moments(states, padded, size=size).normal)[: len(index)]
+    note = "normals, curvature, free sides; "
+    if open3d is None:
+        note += _NO_OPEN3D
+    else:
+        cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(index.astype(np.float64)))
+        nearest = open3d.geometry.KDTreeSearchParamKNN(30)
+        candidates["Open3D KNN 30"] = lambda: cloud.estimate_normals(nearest)
+        cloud.estimate_normals(nearest)
+        agreement = np.abs(np.sum(np.asarray(cloud.normals) * normal, axis=1))
+        note += f"median angle to Open3D's other window {np.degrees(np.arccos(np.median(agreement))):.1f} deg"
+        assert np.median(agreement) > np.cos(np.radians(10)), "normals differ from Open3D's"
+    return KernelRow(
+        f"surface moments {size}, {states.shape[0]}^3",
+        "voxjax",
+        candidates,
+        len(index),
+        "voxel",
+        targets=(Target("Open3D KNN 30", 10.0),) if open3d is not None else (),
+        max_ns=250.0,
+        note=note,
+    )
+
+
+def _eigen_row(count: int) -> KernelRow:
+    rng = np.random.default_rng(0)
+    turns = np.linalg.qr(rng.normal(size=(count, 3, 3)))[0]
+    values = np.stack([rng.uniform(0, 0.05, count), rng.uniform(1, 2, count), rng.uniform(2, 4, count)], 1)
+    matrices = jnp.asarray(np.einsum("nij,nj,nkj->nik", turns, values, turns), jnp.float32)
+    eigh = jax.jit(jnp.linalg.eigh)
+    ours, theirs = np.asarray(symmetric_eigen(matrices)[1])[:, 0], np.asarray(eigh(matrices)[1])[:, :, 0]
+    sine = np.linalg.norm(np.cross(ours, theirs), axis=1)
+    assert np.degrees(np.arcsin(sine.max())) < 0.1, "normals differ by 0.1 degrees or more"
+    return KernelRow(
+        f"eigenvectors 3x3, {count}",
+        "voxjax",
+        {
+            "voxjax": lambda: symmetric_eigen(matrices),
+            "jnp.linalg.eigh": lambda: eigh(matrices),
+            "np.linalg.eigh": lambda: np.linalg.eigh(np.asarray(matrices)),
+        },
+        count,
+        "matrix",
+        targets=(Target("jnp.linalg.eigh", 5.0),),
+        note=f"covariances of planes; normals within {np.degrees(sine.max()):.3f} deg",
+    )
+
+
+def _components_row(occupied: np.ndarray, connectivity: int) -> KernelRow:
+    structure = ndimage.generate_binary_structure(3, {6: 1, 18: 2, 26: 3}[connectivity])
+    flat = np.flatnonzero(occupied)
+    index = np.stack(np.unravel_index(flat, occupied.shape), axis=1).astype(np.int32)
+    size = bucket_size(len(index), 1 << 12)
+    mask, dims = np.arange(size) < len(index), np.asarray(occupied.shape, np.int32)
+    listed = [jnp.asarray(a) for a in (pad_rows(index, size), mask, dims)]
+    flat_size = padded_size(occupied.shape)
+
+    def run(implementation: str | None) -> object:
+        return connected_components(occupied, connectivity=connectivity, implementation=implementation)
+
+    kernel = label_voxels(*listed, flat_size=flat_size, connectivity=connectivity)
+    expected, count = ndimage.label(occupied, structure)  # pyright: ignore[reportGeneralTypeIssues]
+    for implementation in ("scipy", "compact"):
+        labels, found = connected_components(
+            occupied, connectivity=connectivity, implementation=implementation
+        )
+        assert found == count and (labels == expected).all(), "labels differ from SciPy's"
+    assert int(kernel.num_regions) == count, "number of components differs from SciPy's"
+    return KernelRow(
+        f"components {connectivity}, {occupied.shape[0]}^3",
+        "voxjax compact",
+        {
+            "voxjax compact": lambda: run("compact"),
+            "voxjax chosen": lambda: run(None),
+            "voxjax list": lambda: label_voxels(*listed, flat_size=flat_size, connectivity=connectivity),
+            "scipy label": lambda: ndimage.label(occupied, structure),
+        },
+        len(index),
+        "voxel",
+        targets=(Target("scipy label", 1 / 3),),
+        note=f"{count} components in {int(kernel.num_rounds)} rounds; labels equal SciPy's; per occupied voxel",
+    )
+
+
+def _regions_row(states: np.ndarray) -> KernelRow:
+    index = np.argwhere(states == OCCUPIED).astype(np.int32)
+    size = bucket_size(len(index), 1 << 12)
+    padded, mask = jnp.asarray(pad_rows(index, size)), jnp.asarray(np.arange(size) < len(index))
+    normal = jnp.asarray(surface_moments(states, np.asarray(padded)).normal)
+    dims, flat_size = jnp.asarray(states.shape, jnp.int32), padded_size(states.shape)
+    regions = grow_regions(padded, mask, normal, dims, np.cos(np.radians(10)), flat_size=flat_size)
+    return KernelRow(
+        f"regions by normals, {states.shape[0]}^3",
+        "voxjax",
+        {
+            "voxjax": lambda: grow_regions(
+                padded, mask, normal, dims, np.cos(np.radians(10)), flat_size=flat_size
+            )
+        },
+        len(index),
+        "voxel",
+        note=f"{int(regions.num_regions)} regions in {int(regions.num_rounds)} rounds at 10 degrees",
+    )
+
+
+def _descriptor_row(states: np.ndarray, radius: float = 5.0, capacity: int = 128) -> KernelRow:
+    points = np.argwhere(states == OCCUPIED).astype(np.float64)
+    count, size = len(points), bucket_size(len(points), 512)
+    padded = pad_rows(points.astype(np.float32), size)
+
+    def neighbours() -> tuple[np.ndarray, np.ndarray]:
+        found, near = KDTree(points).query(points, k=capacity, distance_upper_bound=radius, workers=-1)
+        near = pad_rows(np.where(np.isfinite(found), near, 0).astype(np.int32), size)
+        return near, pad_rows(found.astype(np.float32), size, np.inf)
+
+    normal = np.asarray(surface_normals(padded, *neighbours(), radius=3.0)[0])
+
+    def ours() -> object:
+        return point_feature_histograms(padded, normal, *neighbours(), radius=radius, spacing=1.0)
+
+    candidates: dict[str, Callable[[], object]] = {"voxjax": ours}
+    if open3d is not None:
+        cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
+        cloud.normals = open3d.utility.Vector3dVector(normal[:count].astype(np.float64))
+        search = open3d.geometry.KDTreeSearchParamHybrid(radius=radius, max_nn=capacity)
+        candidates["Open3D FPFH"] = lambda: open3d.pipelines.registration.compute_fpfh_feature(cloud, search)
+    return KernelRow(
+        f"descriptors, {count} points",
+        "voxjax",
+        candidates,
+        count,
+        "point",
+        targets=(Target("Open3D FPFH", 5.0),) if open3d is not None else (),
+        note=f"radius {radius:g}, up to {capacity} neighbours, search included"
+        + ("" if open3d is not None else f"; {_NO_OPEN3D}"),
+    )
