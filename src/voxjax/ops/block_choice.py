@@ -4,15 +4,16 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.core import Tracer
 from jaxtyping import Bool, Int32, UInt16
 
 from .._buckets import bucket_size
-from .._checks import check_choice, check_odd_window
+from .._checks import InputError, check_choice, check_odd_window
 from .._types import Array
-from .block_words import BLOCK, WORD, Occupied, block_lattice, pack_words
+from .block_words import Occupied, block_lattice, pack_words
 from .blocks import count_in_blocks, cut_blocks, take_from_blocks
-from .window import box_count
+from .window import MAX_SIZE, box_count
 
 MAX_BLOCK_SHARE = 0.2
 """Share of a grid's blocks up to which counting in blocks is the faster way.
@@ -41,18 +42,24 @@ def box_count_at(
         uint16 in [0, size**3], in the order of `index`; both ways give the same.
 
     Raises:
-        InputError: If `size` is no window size or the implementation is unknown.
+        InputError: If `size` is no window size or the implementation is unknown, or "blocks" under `jax.jit`.
     """
     size = check_odd_window("size", size)
-    is_traced = isinstance(occupied, Tracer) or isinstance(index, Tracer)
+    if size > MAX_SIZE:
+        raise InputError(f"size must be at most {MAX_SIZE} voxels, got {size}.")
     if implementation is not None:
         check_choice("implementation", implementation, ("dense", "blocks"))
+    is_traced = isinstance(occupied, Tracer) or isinstance(index, Tracer)
+    if is_traced and implementation == "blocks":
+        raise InputError(
+            'implementation "blocks" must know how many blocks there are, which jax.jit hides: '
+            'take "dense", or cut_blocks with a capacity.'
+        )
     if 0 in occupied.shape or index.shape[0] == 0:
         return jnp.zeros((index.shape[0],), jnp.uint16)
     if implementation == "dense" or (implementation is None and is_traced):
         return _dense_at(occupied, index, size=size)
-    words_shape = (*occupied.shape[:2], -(-occupied.shape[2] // WORD))
-    flags = _blocks_of(index, lattice=block_lattice(words_shape))
+    flags = _blocks_of(index, lattice=block_lattice(occupied.shape))
     count = int(jnp.sum(flags, dtype=jnp.int32))
     if implementation is None and count > MAX_BLOCK_SHARE * flags.size:
         return _dense_at(occupied, index, size=size)
@@ -70,5 +77,7 @@ def _dense_at(occupied: Occupied, index: Int32[Array, "n 3"], *, size: int) -> U
 @partial(jax.jit, static_argnames=("lattice",))
 def _blocks_of(index: Int32[Array, "n 3"], *, lattice: tuple[int, int, int]) -> Bool[Array, "bx by bz"]:
     """Which blocks hold a listed voxel."""
-    place = jnp.asarray(index) // BLOCK
-    return jnp.zeros(lattice, jnp.bool_).at[place[:, 0], place[:, 1], place[:, 2]].set(True, mode="drop")
+    block = jnp.asarray(index) >> np.int32(3)
+    place = (block[:, 0] * np.int32(lattice[1]) + block[:, 1]) * np.int32(lattice[2]) + block[:, 2]
+    flags = jnp.zeros((lattice[0] * lattice[1] * lattice[2],), jnp.bool_).at[place].set(True, mode="drop")
+    return flags.reshape(lattice)

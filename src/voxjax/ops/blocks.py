@@ -16,12 +16,12 @@ from jaxtyping import Bool, Int32, Shaped, UInt16, UInt32
 from .._buckets import bucket_size
 from .._checks import InputError, check_odd_window
 from .._types import Array
-from .block_words import BLOCK, WORD, Words, block_lattice, occupied_blocks
+from .block_words import BLOCK, WORD, Words, lattice_of_words, occupied_blocks
 from .compact import occupied_indices
 from .window import MAX_SIZE
 
-MAX_HALO = (WORD - BLOCK) // 2
-"""Widest halo [voxel]: a row of a block with its halo then still fits one word."""
+MAX_HALO = BLOCK
+"""Widest halo [voxel]: the margin of the words; enough for the largest window."""
 
 
 class Blocks(NamedTuple):
@@ -54,7 +54,7 @@ def list_blocks(words: Words, *, halo: int = 3) -> Blocks:
 
     Args:
         words: Of `pack_words`.
-        halo: Voxels to hold beyond each block, 0 to 12; half the window that is to be counted.
+        halo: Voxels to hold beyond each block, 0 to 8; half the window that is to be counted.
 
     Returns:
         `Blocks`, none of them missing.
@@ -73,8 +73,8 @@ def cut_blocks(words: Words, flags: Bool[Array, "bx by bz"], *, halo: int, capac
 
     Args:
         words: Of `pack_words`.
-        flags: Which blocks, over the lattice of `block_lattice(words.shape)`; `occupied_blocks` or any others.
-        halo: Voxels to hold beyond each block, 0 to 12.
+        flags: Which blocks, over the lattice of `lattice_of_words(words)`; `occupied_blocks` or any others.
+        halo: Voxels to hold beyond each block, 0 to 8.
         capacity: Length of the list.
 
     Returns:
@@ -83,7 +83,7 @@ def cut_blocks(words: Words, flags: Bool[Array, "bx by bz"], *, halo: int, capac
     Raises:
         InputError: If the halo is out of range or the flags are not those of this grid.
     """
-    lattice = block_lattice(words.shape)
+    lattice = lattice_of_words(words)
     if not 0 <= halo <= MAX_HALO:
         raise InputError(f"halo must be 0 to {MAX_HALO} voxels, got {halo}.")
     if flags.shape != lattice:
@@ -92,33 +92,30 @@ def cut_blocks(words: Words, flags: Bool[Array, "bx by bz"], *, halo: int, capac
     # Rows left over lie outside, so that writes to them are dropped.
     index = jnp.where(mask[:, None], listed, jnp.asarray(lattice, jnp.int32)[None, :])
     num_found = jnp.sum(flags, dtype=jnp.int32)
-    if 0 in words.shape:
+    if 0 in lattice:
         side = BLOCK + 2 * halo
         return Blocks(jnp.zeros((capacity, side, side), jnp.uint32), index, mask, num_found)
-    return Blocks(_cut(jnp.asarray(words), index, mask, halo), index, mask, num_found)
+    cut = _cut(jnp.asarray(words), listed, halo)
+    return Blocks(jnp.where(mask[:, None, None], cut, np.uint32(0)), index, mask, num_found)
 
 
-def _cut(words: jax.Array, index: jax.Array, mask: jax.Array, halo: int) -> jax.Array:
-    """Columns of `8 + 2 halo` bits around each block, taken from the two words that they may straddle."""
-    x_size, y_size, w_size = words.shape
-    flat = words.reshape(-1)
-    steps = jnp.arange(-halo, BLOCK + halo, dtype=jnp.int32)[None, :]
-    x = BLOCK * index[:, :1] + steps
-    y = BLOCK * index[:, 1:2] + steps
-    low = BLOCK * index[:, 2] - halo
-    is_inside = ((x >= 0) & (x < x_size) & mask[:, None])[:, :, None] & ((y >= 0) & (y < y_size))[:, None, :]
-    base = (x[:, :, None] * y_size + y[:, None, :]) * w_size
+def _cut(words: jax.Array, index: jax.Array, halo: int) -> jax.Array:
+    """Columns of `8 + 2 halo` bits around each block, joined of the two words that they may straddle.
 
-    def take(word: jax.Array) -> jax.Array:
-        has_word = is_inside & ((word >= 0) & (word < w_size))[:, None, None]
-        place = jnp.where(has_word, base + word[:, None, None], 0)
-        return jnp.where(has_word, flat.at[place].get(mode="promise_in_bounds"), np.uint32(0))
+    A slice for each block is several times faster on CPU than an index for each word.
+    """
+    side = BLOCK + 2 * halo
+    corner = BLOCK * index[:, :2] + np.int32(BLOCK - halo)
+    bit = BLOCK * index[:, 2] + np.int32(WORD - halo)
 
-    shift = (low % WORD).astype(jnp.uint32)[:, None, None]
-    word = low // WORD
+    def two_words(corner: jax.Array, word: jax.Array) -> jax.Array:
+        return jax.lax.dynamic_slice(words, (corner[0], corner[1], word), (side, side, 2))
+
+    pairs = jax.lax.optimization_barrier(jax.vmap(two_words)(corner, bit // WORD))
+    shift = (bit % WORD).astype(jnp.uint32)[:, None, None]
     # A shift by a whole word is not defined, hence the high part in two steps.
-    joined = (take(word) >> shift) | ((take(word + 1) << np.uint32(1)) << (np.uint32(WORD - 1) - shift))
-    return joined & np.uint32((1 << (BLOCK + 2 * halo)) - 1)
+    joined = (pairs[..., 0] >> shift) | ((pairs[..., 1] << np.uint32(1)) << (np.uint32(WORD - 1) - shift))
+    return joined & np.uint32((1 << side) - 1)
 
 
 @partial(jax.jit, static_argnames=("size",))
@@ -194,20 +191,30 @@ def take_from_blocks(
         values: Of each voxel of each block.
         blocks: The list that the values belong to.
         index: Voxels.
-        lattice: Of the grid, `block_lattice(words.shape)`.
+        lattice: Of the grid, `lattice_of_words(words)`.
 
     Returns:
         Values in the order of `index`, and whether each one's block is in the list; 0 where it is not.
     """
-    rows = jnp.full(lattice, -1, jnp.int32)
-    # Padding rows lie outside the lattice and are dropped.
+    # Flat places and shifts: several times faster on CPU than indices of three axes, which are checked one by one.
+    count = lattice[0] * lattice[1] * lattice[2]
     listed = jnp.arange(blocks.mask.shape[0], dtype=jnp.int32)
-    rows = rows.at[blocks.index[:, 0], blocks.index[:, 1], blocks.index[:, 2]].set(listed, mode="drop")
-    place, inner = index // BLOCK, index % BLOCK
-    row = rows.at[place[:, 0], place[:, 1], place[:, 2]].get(mode="fill", fill_value=-1)
-    is_listed = (row >= 0) & jnp.all(index >= 0, axis=1)
-    found = values[jnp.maximum(row, 0), inner[:, 0], inner[:, 1], inner[:, 2]]
+    place = jnp.where(blocks.mask, _flat_place(blocks.index, lattice), count)
+    rows = jnp.full((max(count, 1),), -1, jnp.int32).at[place].set(listed, mode="drop")
+    block = jnp.asarray(index) >> np.int32(3)
+    is_inside = jnp.all((block >= 0) & (block < jnp.asarray(lattice, jnp.int32)[None, :]), axis=1)
+    row = rows.at[jnp.where(is_inside, _flat_place(block, lattice), 0)].get(mode="promise_in_bounds")
+    is_listed = is_inside & (row >= 0)
+    within = jnp.asarray(index) & np.int32(BLOCK - 1)
+    inner = (within[:, 0] << np.int32(6)) | (within[:, 1] << np.int32(3)) | within[:, 2]
+    at = jnp.where(is_listed, row * np.int32(BLOCK**3) + inner, 0)
+    found = jnp.asarray(values).reshape(-1).at[at].get(mode="promise_in_bounds")
     return jnp.where(is_listed, found, jnp.zeros((), found.dtype)), is_listed
+
+
+def _flat_place(index: jax.Array, lattice: tuple[int, int, int]) -> jax.Array:
+    """Places in C order over the lattice."""
+    return (index[:, 0] * np.int32(lattice[1]) + index[:, 1]) * np.int32(lattice[2]) + index[:, 2]
 
 
 @partial(jax.jit, static_argnames=("shape",))
