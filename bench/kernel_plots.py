@@ -48,10 +48,11 @@ def constant_surface(results: Sequence[dict]) -> dict[str, list[tuple[float, flo
     curves: dict[str, list[tuple[float, float]]] = {}
     for result in results:
         shape = _SURFACE_ROW.match(result["name"])
-        for name, time in result["times"].items() if shape else ():
-            curves.setdefault(name, []).append(
-                (float(np.prod([int(n) for n in shape.groups()])), time["median_s"])
-            )
+        if shape is None:
+            continue
+        volume = float(np.prod([int(n) for n in shape.groups()]))
+        for name, time in result["times"].items():
+            curves.setdefault(name, []).append((volume, time["median_s"]))
     return {name: sorted(points) for name, points in curves.items()}
 
 

@@ -47,7 +47,7 @@ def rows(*, quick: bool) -> Iterator[KernelRow]:
         yield _count(side, on_gpu, has_targets=side == sides[-1])
     for size in (3, 15):
         yield _other_size(128 if quick else 256, size)
-    yield _classes(128 if quick else 256)
+    yield _classes(128 if quick else 512 if on_gpu else 256, on_gpu)
     yield _change(64 if quick else 128)
 
 
@@ -157,7 +157,7 @@ def _other_size(side: int, size: int) -> KernelRow:
     )
 
 
-def _classes(side: int) -> KernelRow:
+def _classes(side: int, on_gpu: bool) -> KernelRow:
     """Count and classes in one pass against a count that is kept and then classified."""
     host = (rooms(side) == OCCUPIED).astype(np.uint8)
     grid = jnp.asarray(host)
@@ -169,12 +169,18 @@ def _classes(side: int) -> KernelRow:
         # A window beside the border still holds voxels, so the counts need a margin.
         return classify(box_count(pad(grid), size=_SIZE), grid, _MIN_CHANGE)
 
-    calls = {"one pass": functools.partial(ours, grid, _MIN_CHANGE), "two steps": two_steps}
+    calls: dict[str, Callable[[], object]] = {
+        "one pass": functools.partial(ours, grid, _MIN_CHANGE),
+        "two steps": two_steps,
+    }
+    if on_gpu:
+        kernels = functools.partial(window_classes, grid, _MIN_CHANGE, size=_SIZE, shift=_SHIFT)
+        calls["pallas"] = functools.partial(kernels, implementation="pallas")
     _check_equal(list(calls.values()))
     calls["steady directions alone"] = functools.partial(count_steady_directions, grid, _MIN_CHANGE)
     return KernelRow(
         name=f"window_classes {_SIZE}, {side}^3",
-        ours="one pass",
+        ours="pallas" if on_gpu else "one pass",
         candidates=calls,
         count=host.size,
         unit="voxel",

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import UInt8
 
+from .._checks import check_choice
 from .._types import Array
 from .box import MAX_SIZE as MAX_SIZE
 from .box import Occupied as Occupied
@@ -91,9 +92,9 @@ def count_steady_directions(
     return steady_directions(counts, min_change, occupied.shape, shift).astype(jnp.uint8)
 
 
-@partial(jax.jit, static_argnames=("size", "shift"))
+@partial(jax.jit, static_argnames=("size", "shift", "implementation"))
 def window_classes(
-    occupied: Occupied, min_change: Array, *, size: int = 7, shift: int = 4
+    occupied: Occupied, min_change: Array, *, size: int = 7, shift: int = 4, implementation: str | None = None
 ) -> UInt8[Array, "x y z"]:
     """Count and classify in one pass: flat, edge and corner voxels by their steady directions (section III).
 
@@ -101,17 +102,27 @@ def window_classes(
         occupied: True (or not 0) where a voxel is occupied.
         min_change: int32 scalar: percentage from which a change (see `count_change`) is significant.
         size: Window edge [voxel]; odd, 1 to 15.
-        shift: Voxels moved along each axis of a direction.
+        shift: Voxels moved along each axis of a direction, at least 1.
+        implementation: "passes": whole-array passes, on any device. "pallas": two kernels, on a GPU only; the second
+            reads counts only near occupied voxels. None takes "passes": "pallas" was not yet measured.
 
     Returns:
         uint8: 0 not occupied, 1 flat (two steady directions or more), 2 edge (one), 3 corner (none).
 
     Raises:
-        InputError: If `size` is even, below 1 or above 15.
+        InputError: If `size` is even, below 1 or above 15, or the implementation is unknown.
+        NotImplementedError: If "pallas" is asked for where it cannot run.
     """
+    size = check_size(size)
+    if implementation is not None:
+        check_choice("implementation", implementation, ("passes", "pallas"))
     if 0 in occupied.shape:
         return jnp.zeros(occupied.shape, jnp.uint8)
-    counts = _counts_with_margin(occupied, check_size(size), shift)
+    if implementation == "pallas":
+        from .box_pallas import window_classes_pallas
+
+        return window_classes_pallas(occupied, min_change, size, shift)
+    counts = _counts_with_margin(occupied, size, shift)
     return classes_of_counts(counts, occupied, min_change, shift)
 
 
