@@ -155,8 +155,8 @@ def _count_kernel(words, pairs, *, shape, counts_shape, size, margin, side, stre
         return (*ring[1:], tuple(new)), even, odd
 
     nothing = (jnp.zeros(_LANES, jnp.uint32),) * _ROWS
-    # The first size - 1 planes only fill the sums. Indices of lanes that are masked off stay as they are, all different:
-    # interpret mode writes what was there to them, which must not undo what another lane writes.
+    # The first size - 1 planes only fill the sums. Lanes that are masked off keep their own index: interpret mode
+    # writes back what it read there, which must not undo what another lane writes.
     jax.lax.fori_loop(1 - size, stretch, step, ((nothing,) * size, nothing, nothing))
 
 
