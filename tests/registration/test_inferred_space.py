@@ -65,3 +65,14 @@ def test_a_cloud_is_registered_with_inferred_free_space_and_says_so():
     off = register(stripped(a), stripped(b), config={"map": {"infer_free_space": False}})
     assert off.stats["free_space"] == "unknown"
     assert "unknown" in off.reason
+
+
+def test_half_a_scan_gets_too_little_and_stays_as_it_is():
+    grid = stripped(small_worlds.draw_map())
+    states = np.asarray(grid.states).copy()
+    states[:, :, 8:] = 0  # the floor and the feet of the walls
+    half = VoxelGrid(states, grid.origin, grid.voxel_size)
+    features = map_features(half, max_virtual=8)
+    assert features.free_space == "unknown"
+    assert features.prepared.grid.num_free == 0
+    assert map_features(grid, max_virtual=8).free_space == "inferred"

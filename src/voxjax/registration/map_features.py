@@ -20,6 +20,10 @@ from .rotations import dominant_directions, sample_normals
 FREE_SPACE = ("unknown", "inferred", "observed")
 """Where a map's free space is from, the least reliable first."""
 
+MIN_INFERRED = 0.75
+"""Inferred free space is used where it lies before at least this share of the surfaces; in half a scan it would be on
+the wrong side of too many."""
+
 DIRECTION_PLANARITY = 0.5
 """Voxels at least so planar vote for directions."""
 
@@ -79,11 +83,7 @@ def map_features(grid: VoxelGrid, *, max_virtual: int, infer_free_space: bool = 
         max_virtual: Largest number of virtual corners.
         infer_free_space: Take what surfaces enclose for free where the map records no free space.
     """
-    free_space = "observed"
-    if grid.num_free == 0:
-        grid = infer_space(grid) if infer_free_space else grid
-        free_space = "inferred" if grid.num_free else "unknown"
-    prepared = prepare_map(grid)
+    prepared, free_space = _prepare(grid, infer_free_space=infer_free_space)
     count = prepared.num_points
     normals, planarity = np.asarray(prepared.normals)[:count], np.asarray(prepared.planarity)[:count]
     leverage = planarity.astype(np.float64) * np.asarray(prepared.weights)[:count]
@@ -97,6 +97,17 @@ def map_features(grid: VoxelGrid, *, max_virtual: int, infer_free_space: bool = 
         late=LateFeatures(prepared.grid, max_virtual),
         free_space=free_space,
     )
+
+
+def _prepare(grid: VoxelGrid, *, infer_free_space: bool) -> tuple[PreparedMap, str]:
+    """The prepared map, and where its free space is from."""
+    if grid.num_free:
+        return prepare_map(grid), "observed"
+    if infer_free_space:
+        prepared = prepare_map(infer_space(grid))
+        if prepared.free_share >= MIN_INFERRED:
+            return prepared, "inferred"
+    return prepare_map(grid), "unknown"
 
 
 def share_sizes(features: Sequence[MapFeatures]) -> list[MapFeatures]:

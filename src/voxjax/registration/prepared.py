@@ -43,7 +43,7 @@ class PreparedMap(eqx.Module):
             weigh as much as the walls along one axis, whatever their areas.
         planarity: In [0, 1], 0 for padding.
         num_points: Number of rows that are not padding.
-        has_free_space: Whether free space says on which side of its surfaces the map lies.
+        free_share: Share of the occupied voxels with free space on one side of them.
         keys: Flat field of the nearest occupied voxel.
         codes: Flat evidence codes at the tolerance of the voxel size.
         states: Flat states.
@@ -58,12 +58,17 @@ class PreparedMap(eqx.Module):
     weights: Float32[Array, "n"]
     planarity: Float32[Array, "n"]
     num_points: int
-    has_free_space: bool
+    free_share: float
     keys: UInt32[Array, "flat"]
     codes: UInt8[Array, "flat"]
     states: UInt8[Array, "flat"]
     dims: Int32[Array, "3"]
     centroid: Float32[Array, "3"]
+
+    @property
+    def has_free_space(self) -> bool:
+        """Whether free space says on which side of its surfaces the map lies."""
+        return self.free_share > 0.5
 
     @property
     def block(self) -> tuple[Array, Array, Array]:
@@ -117,7 +122,7 @@ def prepare_map(grid: VoxelGrid) -> PreparedMap:
         weights=jnp.asarray(pad_rows(leverage_weights(normals, planarity), size)),
         planarity=jnp.asarray(pad_rows(planarity, size)),
         num_points=count,
-        has_free_space=bool(np.asarray(moments.has_free)[:count].mean() > 0.5),
+        free_share=float(np.asarray(moments.has_free)[:count].mean()),
         keys=keys,
         codes=evidence_codes(flat, keys, HIT_SQ, CLEAR_SQ),
         states=jnp.asarray(flat),
