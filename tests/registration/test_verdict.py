@@ -1,5 +1,7 @@
 """The verdict on judgements written by hand."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from voxjax.registration.conflict_pieces import evidence, rivals
 from voxjax.registration.leaders import Judgement
 from voxjax.registration.verdict import decide, probabilities, support
 
-BOUNDS = {
+BOUNDS: dict[str, Any] = {
     "min_confidence": 0.85,
     "min_confidence_beside_rivals": 0.9,
     "max_conflict": 0.08,
