@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.kernel_row import KernelRow, Target
 from voxjax._types import Array
-from voxjax.ops.block_choice import MAX_BLOCK_SHARE, box_count_at
+from voxjax.ops.block_choice import MAX_BLOCK_SHARE, MIN_VOXELS, box_count_at
 from voxjax.ops.block_words import BLOCK, occupied_blocks, pack_words
 from voxjax.ops.blocks import count_in_blocks, list_blocks
 from voxjax.ops.tiles import map_tiles
@@ -19,6 +19,9 @@ SURFACE_BOX = (256, 256, 128)
 """All surface of the rows of constant surface lies in a box of this shape [voxel]; the grid around it grows."""
 
 _COUNT = functools.partial(box_count, size=7)
+
+# Share of occupied blocks up to which counts in blocks, from packed bits, must not lose to the dense count.
+_SPARSE_SHARE = 0.1
 
 
 def rows(*, quick: bool) -> Iterator[KernelRow]:
@@ -102,7 +105,7 @@ def _constant_surface(shape: tuple[int, int, int]) -> KernelRow:
         },
         count=int(host.sum()),
         unit="occupied voxel",
-        targets=(Target("dense", 1.0),) if share <= MAX_BLOCK_SHARE else (),
+        targets=(Target("dense", 1.0),) if share <= _SPARSE_SHARE else (),
         note=f"{number} occupied blocks, {100 * share:.1f} % of all; the result stays in blocks",
     )
 
@@ -122,7 +125,7 @@ def _break_even(side: int, share: float) -> KernelRow:
     dense = np.asarray(candidates["dense"]())
     for call in candidates.values():
         np.testing.assert_array_equal(np.asarray(call()), dense)
-    chosen = "blocks" if is_block.mean() <= MAX_BLOCK_SHARE else "dense"
+    chosen = "blocks" if is_block.mean() <= MAX_BLOCK_SHARE and host.size >= MIN_VOXELS else "dense"
     return KernelRow(
         name=f"box_count 7 at occupied voxels, {side}^3, {100 * share:.0f} % of blocks",
         ours="automatic",

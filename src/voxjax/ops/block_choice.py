@@ -11,17 +11,21 @@ from jaxtyping import Bool, Int32, UInt16
 from .._buckets import bucket_size
 from .._checks import InputError, check_choice, check_odd_window
 from .._types import Array
-from .block_words import Occupied, block_lattice, pack_words
+from .block_words import Occupied, Words, block_lattice, pack_words
 from .blocks import count_in_blocks, cut_blocks, take_from_blocks
 from .window import MAX_SIZE, box_count
 
-MAX_BLOCK_SHARE = 0.2
-"""Share of a grid's blocks up to which counting in blocks is the faster way.
+MAX_BLOCK_SHARE = 0.04
+"""Share of a grid's blocks up to which counting at voxels is faster in blocks, the packing of the grid included.
 
-Measured at 256 cubed on two cores, the packing of the grid included: both ways take equally long at 0.22 to 0.25 where
-the memory of earlier calls is kept (huge pages), and at 0.35 to 0.45 with the default allocator, which slows the
-dense way more. `bench/kernel_rows/blocks.py` measures it again.
+Measured at 256 cubed on two busy cores, bool on the host, as the share where both ways take equally long: 0.03 to 0.05
+where the memory of earlier calls is kept (huge pages), 0.1 to 0.15 with the default allocator, which slows the dense
+way more. Without the packing it is about 0.2. `bench/kernel_rows/blocks.py` measures it again.
 """
+
+MIN_VOXELS = 1 << 24
+"""Smallest grid that is counted in blocks: smaller ones stay in the caches, where the dense way is level at a share of
+0.02 already (192 cubed)."""
 
 
 def box_count_at(
@@ -34,9 +38,9 @@ def box_count_at(
         index: Voxels inside the grid, occupied or not; rows may repeat.
         size: Window edge [voxel]; odd, 1 to 15.
         implementation: "dense": the whole grid, then the listed voxels; "blocks": the blocks that the listed voxels
-            lie in, cut from the grid's bits; host code, as it reads back how many they are. None takes "blocks" up to
-            a share of `MAX_BLOCK_SHARE` of the blocks of the grid; under `jax.jit`, where the share is not known,
-            "dense".
+            lie in, cut from the grid's bits; host code, as it reads back how many they are. None takes "blocks" from
+            `MIN_VOXELS` voxels on, up to a share of `MAX_BLOCK_SHARE` of the blocks of the grid; under `jax.jit`,
+            where the share is not known, "dense".
 
     Returns:
         uint16 in [0, size**3], in the order of `index`; both ways give the same.
@@ -57,14 +61,21 @@ def box_count_at(
         )
     if 0 in occupied.shape or index.shape[0] == 0:
         return jnp.zeros((index.shape[0],), jnp.uint16)
-    if implementation == "dense" or (implementation is None and is_traced):
+    is_small = occupied.size < MIN_VOXELS
+    if implementation == "dense" or (implementation is None and (is_traced or is_small)):
         return _dense_at(occupied, index, size=size)
     flags = _blocks_of(index, lattice=block_lattice(occupied.shape))
     count = int(jnp.sum(flags, dtype=jnp.int32))
     if implementation is None and count > MAX_BLOCK_SHARE * flags.size:
         return _dense_at(occupied, index, size=size)
-    blocks = cut_blocks(pack_words(occupied), flags, halo=size // 2, capacity=bucket_size(count))
+    blocks = cut_blocks(_packed(occupied), flags, halo=size // 2, capacity=bucket_size(count))
     return take_from_blocks(count_in_blocks(blocks, size=size), blocks, index, lattice=flags.shape)[0]
+
+
+def _packed(occupied: Occupied) -> Words:
+    """Words of the grid; one that a CPU holds is packed where it lies by NumPy, three times as fast as by XLA."""
+    is_on_cpu = isinstance(occupied, jax.Array) and {d.platform for d in occupied.devices()} == {"cpu"}
+    return pack_words(np.asarray(occupied) if is_on_cpu else occupied)
 
 
 @partial(jax.jit, static_argnames=("size",))
