@@ -37,11 +37,12 @@ def _distance_row(occupied: np.ndarray, radius: int) -> KernelRow:
     note = "with the nearest voxel; "
     if edt is None:
         note += "the package edt is not installed"
-        exact = ndimage.distance_transform_edt(~occupied)
+        exact = np.asarray(ndimage.distance_transform_edt(~occupied))
         candidates["scipy"] = lambda: ndimage.distance_transform_edt(~occupied)
     else:
-        exact = edt.edt(~occupied, parallel=2)
-        candidates |= {f"edt, {n} thread": lambda n=n: edt.edt(~occupied, parallel=n) for n in (1, 2)}
+        transform = edt.edt
+        exact = transform(~occupied, parallel=2)
+        candidates |= {f"edt, {n} thread": lambda n=n: transform(~occupied, parallel=n) for n in (1, 2)}
         note += "edt gives no index"
     np.testing.assert_allclose(field.distance, np.minimum(exact, radius), rtol=1e-6)
     compiled = _distance_field.lower(device, jnp.float32(1.0), radius=radius).compile().memory_analysis()
@@ -53,7 +54,7 @@ def _distance_row(occupied: np.ndarray, radius: int) -> KernelRow:
         "voxel",
         bytes_moved=9.0 * occupied.size,
         targets=() if edt is None else tuple(Target(f"edt, {n} thread", 3.0) for n in (1, 2)),
-        temporary_bytes=compiled.temp_size_in_bytes,
+        temporary_bytes=None if compiled is None else compiled.temp_size_in_bytes,
         max_temporary=6.0,
         note=note,
     )
@@ -69,9 +70,8 @@ def _motion(side: int) -> np.ndarray:
 def _reference(values: np.ndarray, affine: np.ndarray, order: int) -> np.ndarray:
     """SciPy's resampling; it counts from the first centre, voxjax from the outer corner."""
     offset = affine[:, :3] @ np.full(3, 0.5) + affine[:, 3] - 0.5
-    return ndimage.affine_transform(
-        values, affine[:, :3], offset, order=order, mode="grid-constant", prefilter=False
-    )
+    matrix = np.concatenate([affine[:, :3], offset[:, None]], axis=1)
+    return ndimage.affine_transform(values, matrix, order=order, mode="grid-constant", prefilter=False)
 
 
 def _nearest_row(states: np.ndarray) -> KernelRow:

@@ -62,7 +62,7 @@ def _score_by_numpy(
     """`score_poses`, one pose after the other."""
     sums = np.zeros((len(poses), 3), np.float32)
     for row, T in enumerate(poses):
-        code = _look_up(codes, dims, points @ T[:3, :3].T + T[:3, 3], NOTHING)
+        code = _look_up(codes, dims, points @ T[:3, :3].T + T[:3, 3], int(NOTHING))
         sums[row] = [weights[code == kind].sum() for kind in (HIT, CONFLICT, NEUTRAL)]
     return sums
 
@@ -86,7 +86,7 @@ def _score_row(codes: jnp.ndarray, dims: np.ndarray, points: np.ndarray, poses: 
         len(poses) * len(points),
         "lookup",
         targets=(Target("NumPy", 20.0),),
-        temporary_bytes=compiled.temp_size_in_bytes,
+        temporary_bytes=None if compiled is None else compiled.temp_size_in_bytes,
         note=f"relative difference {difference:.1e}, points on borders of voxels",
     )
 
@@ -104,7 +104,7 @@ def _surface_by_numpy(
     sums = np.zeros((len(poses), 4), np.float32)
     for place, T in enumerate(poses):
         moved = points @ T[:3, :3].T + T[:3, 3]
-        code = _look_up(codes, dims, moved, NOTHING)
+        code = _look_up(codes, dims, moved, int(NOTHING))
         met = surface_normals[_look_up(keys[0], dims, moved, 0) % len(surface_normals)]
         is_opposed = (code == HIT) & (np.sum(normals @ T[:3, :3].T * met, axis=1) < -0.3)
         kinds = ((code == HIT) & ~is_opposed, code == CONFLICT, code == NEUTRAL, is_opposed)

@@ -110,7 +110,8 @@ def _components_row(occupied: np.ndarray, connectivity: int) -> KernelRow:
         labels, found = connected_components(
             occupied, connectivity=connectivity, implementation=implementation
         )
-        assert found == count and (labels == expected).all(), "labels differ from SciPy's"
+        assert found == count, "number of components differs from SciPy's"
+        assert (labels == expected).all(), "labels differ from SciPy's"
     assert int(kernel.num_regions) == count, "number of components differs from SciPy's"
     return KernelRow(
         f"components {connectivity}, {occupied.shape[0]}^3",
@@ -166,10 +167,11 @@ def _descriptor_row(states: np.ndarray, radius: float = 5.0, capacity: int = 128
 
     candidates: dict[str, Callable[[], object]] = {"voxjax": ours}
     if open3d is not None:
+        registration = open3d.pipelines.registration
         cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
         cloud.normals = open3d.utility.Vector3dVector(normal[:count].astype(np.float64))
         search = open3d.geometry.KDTreeSearchParamHybrid(radius=radius, max_nn=capacity)
-        candidates["Open3D FPFH"] = lambda: open3d.pipelines.registration.compute_fpfh_feature(cloud, search)
+        candidates["Open3D FPFH"] = lambda: registration.compute_fpfh_feature(cloud, search)
     return KernelRow(
         f"descriptors, {count} points",
         "voxjax",

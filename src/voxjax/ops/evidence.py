@@ -50,9 +50,12 @@ def lookup(
     outside: np.generic,
 ) -> Array:
     """Value of a flat field at points [m]; `outside` beyond the block."""
-    cell = jnp.floor((points - jnp.broadcast_to(origin, points.shape)) / voxel_size).astype(jnp.int32)
-    is_inside = jnp.all((cell >= 0) & (cell < jnp.broadcast_to(dims, cell.shape)), axis=-1)
-    flat = (cell[..., 0] * dims[1] + cell[..., 1]) * dims[2] + cell[..., 2]
+    # Axis by axis: arrays whose last axis is 3 run ten times slower on a CPU.
+    x, y, z = (
+        jnp.floor((points[..., axis] - origin[axis]) / voxel_size).astype(jnp.int32) for axis in range(3)
+    )
+    is_inside = (x >= 0) & (x < dims[0]) & (y >= 0) & (y < dims[1]) & (z >= 0) & (z < dims[2])
+    flat = (x * dims[1] + y) * dims[2] + z
     value = jnp.take(field, jnp.where(is_inside, flat, 0), mode="clip")
     return jnp.where(is_inside, value, jnp.asarray(outside, field.dtype))
 
