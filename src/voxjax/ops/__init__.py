@@ -1,1 +1,40 @@
-"""voxjax.ops."""
+"""Kernels on dense grids, on listed voxels, on blocks, tiles and device meshes; pure functions of arrays."""
+
+from .block_choice import box_count_at
+from .block_words import pack_words
+from .blocks import count_in_blocks, cut_blocks, dense_from_blocks, list_blocks, take_from_blocks
+from .box import box_count
+from .compact import occupied_indices
+from .components import connected_components, grow_regions, label_voxels
+from .distance import distance_field
+from .eigen import eigen_by_columns, symmetric_eigen
+from .moments import surface_moments
+from .sharded import gather_shards, map_shards, shard_grid
+from .tiles import map_tiles
+from .window import count_change, count_steady_directions, window_classes
+
+__all__ = [
+    "box_count",
+    "box_count_at",
+    "connected_components",
+    "count_change",
+    "count_in_blocks",
+    "count_steady_directions",
+    "cut_blocks",
+    "dense_from_blocks",
+    "distance_field",
+    "eigen_by_columns",
+    "gather_shards",
+    "grow_regions",
+    "label_voxels",
+    "list_blocks",
+    "map_shards",
+    "map_tiles",
+    "occupied_indices",
+    "pack_words",
+    "shard_grid",
+    "surface_moments",
+    "symmetric_eigen",
+    "take_from_blocks",
+    "window_classes",
+]
