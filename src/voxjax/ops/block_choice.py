@@ -18,14 +18,13 @@ from .window import MAX_SIZE, box_count
 MAX_BLOCK_SHARE = 0.04
 """Share of a grid's blocks up to which counting at voxels is faster in blocks, the packing of the grid included.
 
-Measured at 256 cubed on two busy cores, bool on the host, as the share where both ways take equally long: 0.03 to 0.05
-where the memory of earlier calls is kept (huge pages), 0.1 to 0.15 with the default allocator, which slows the dense
-way more. Without the packing it is about 0.2. `bench/kernel_rows/blocks.py` measures it again.
+Chosen from the share where both ways took about equally long at 256 cubed (bool on the host, huge pages) on a machine
+that was busy; with the default allocator, which slows the dense way more, it lies higher. `python -m bench kernels
+--only blocks` measures it again.
 """
 
 MIN_VOXELS = 1 << 24
-"""Smallest grid that is counted in blocks: smaller ones stay in the caches, where the dense way is level at a share of
-0.02 already (192 cubed)."""
+"""Smallest grid that is counted in blocks: smaller ones stay in the caches, which helps the dense way."""
 
 
 def box_count_at(

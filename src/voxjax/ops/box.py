@@ -38,8 +38,8 @@ def box_count(
         implementation: "separable": one pass per axis in uint8, uint8, uint16. "packed": the first pass from
             words of 32 voxels. "summed_area": an integral image in uint32, work independent of `size`. "pallas":
             one kernel that reads the grid once and writes the counts once, on a GPU only. None takes "separable"
-            on every device: on CPU it is the fastest at every size (256 cubed, size 7: 1.4 times as fast as
-            "packed", 35 times "summed_area"); the kernel was not yet measured on a GPU (`bench kernels` does).
+            on every device. Which of it and "packed" is the faster on a CPU went both ways on a busy machine, and the
+            kernel was not yet measured on a GPU: `python -m bench kernels` compares all of them.
 
     Returns:
         uint16 counts in [0, size**3], shape of the input. Temporary memory is about 1 byte per voxel, with
