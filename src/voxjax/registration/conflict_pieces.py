@@ -1,7 +1,7 @@
 """Conflicts that hang together: what a false pose among equal rooms shows, and the true one does not.
 
 Drift, noise and people scatter conflicts; a pose that is wrong by a whole room sets whole pieces of furniture into
-free space (DESIGN.md 3.5).
+free space.
 """
 
 import numpy as np
