@@ -19,8 +19,8 @@ COARSE_CONFLICT_WEIGHT = 3.0
 """A conflict before refinement is less certain."""
 
 DISTINCT_VOXELS, DISTINCT_DEGREES = 5.0, 8.0
-"""Refined poses nearer to each other than both are one: with 4 degrees, poses on their way to the best one of a coarse map
-stood beside it as rivals."""
+"""Refined poses nearer to each other than both are one: with 4 degrees, poses on their way to the best one of a coarse
+map stood beside it as rivals."""
 
 COARSE_FACTOR = 3
 """Tolerance before refinement, as the width of a coarse cell [voxel]."""
