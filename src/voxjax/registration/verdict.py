@@ -39,8 +39,8 @@ class Coefficients(NamedTuple):
 WITH_FREE_SPACE = Coefficients(none=-12.4, score=6.4, support=0.0)
 WITHOUT_FREE_SPACE = Coefficients(none=-6.2, score=3.1, support=3.0)
 """Without free space nothing can speak against a pose, and chance agreement is large: the evidence must stand out.
-Fitted on stripped pairs before free space was inferred; `verdict_fit` on others gave -6.5, 3.6, 4.0. The pairs that still
-come here are half scans, of which there are none among generated ones."""
+Fitted on stripped pairs before free space was inferred; `verdict_fit` on others gave -6.5, 3.6, 4.0. The pairs that
+still come here are half scans, of which there are none among generated ones."""
 
 LEAST_EVIDENCE, LEAST_SUPPORT = 1e-3, 1e-4
 """Below, all poses are equally hopeless."""
