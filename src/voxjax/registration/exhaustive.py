@@ -11,8 +11,9 @@ from scipy.spatial import ConvexHull
 from .prepared import PreparedMap
 from .translation_search import Placement, search_on_device, search_on_host
 
-FACTORS = (3, 4, 5, 6)
-"""Coarse cells are so many voxels wide: the finest that keeps the blocks below `MAX_CELLS`."""
+MAX_FACTOR = 6
+"""Coarse cells are at most so many voxels wide: the finest from `PreparedMap.coarse_factor` on that keeps the blocks
+below `MAX_CELLS`."""
 
 MAX_CELLS = 1_000_000
 """Three transforms of such a block take about 50 ms on one core."""
@@ -71,7 +72,11 @@ def exhaustive_hypotheses(
         Poses `T_a_b` float32 (k * num_peaks, 4, 4) and their coarse scores, best first.
     """
     points_a, points_b = _outermost(a), _outermost(b)
-    factor, placements = _place(points_a, points_b, rotations, frame, a.grid.voxel_size)
+    factor, placements = a.coarse_factor, []
+    for factor in range(a.coarse_factor, MAX_FACTOR + 1):
+        placements = _place(points_a, points_b, rotations, frame, factor * a.grid.voxel_size)
+        if all(np.prod(place.box_a + place.box_b) <= MAX_CELLS for place in placements):
+            break
     search = search_on_host if jax.default_backend() == "cpu" else search_on_device
     found = search(a, b, factor, placements, num_peaks)
     poses, scores = [], []
@@ -91,37 +96,26 @@ def exhaustive_hypotheses(
 
 
 def _place(
-    points_a: np.ndarray, points_b: np.ndarray, rotations: np.ndarray, frame: np.ndarray, voxel_size: float
-) -> tuple[int, list[Placement]]:
-    """Width of a coarse cell [voxel], and where both maps go for each rotation.
+    points_a: np.ndarray, points_b: np.ndarray, rotations: np.ndarray, frame: np.ndarray, cell: float
+) -> list[Placement]:
+    """Where both maps go for each rotation, in cells of so many metres.
 
     The longest axis comes first, so that turned blocks have the same shape; a permutation may be a reflection, which is
     as good, because both maps undergo it.
     """
-    factor, placements = FACTORS[-1], []
-    for factor in FACTORS:
-        cell = factor * voxel_size
-        low_a, high_a = _box(points_a, frame, cell)
-        placements = []
-        for rotation in rotations.astype(np.float64):
-            turned = frame @ rotation
-            low_b, high_b = _box(points_b, turned, cell)
-            box_a, box_b = (
-                np.ceil((high - low) / cell).astype(int) for high, low in ((high_a, low_a), (high_b, low_b))
+    low_a, high_a = _box(points_a, frame, cell)
+    placements = []
+    for rotation in rotations.astype(np.float64):
+        turned = frame @ rotation
+        low_b, high_b = _box(points_b, turned, cell)
+        box_a, box_b = (
+            np.ceil((high - low) / cell).astype(int) for high, low in ((high_a, low_a), (high_b, low_b))
+        )
+        order = np.argsort(-(box_a + box_b), kind="stable")
+        i, j, k = (int(n) for n in order)
+        placements.append(
+            Placement(
+                (i, j, k), box_a[order], box_b[order], frame[order], turned[order], low_a[order], low_b[order]
             )
-            order = np.argsort(-(box_a + box_b), kind="stable")
-            i, j, k = (int(n) for n in order)
-            placements.append(
-                Placement(
-                    (i, j, k),
-                    box_a[order],
-                    box_b[order],
-                    frame[order],
-                    turned[order],
-                    low_a[order],
-                    low_b[order],
-                )
-            )
-        if all(np.prod(place.box_a + place.box_b) <= MAX_CELLS for place in placements):
-            break
-    return factor, placements
+        )
+    return placements

@@ -13,7 +13,7 @@ from ..ops.evidence import score_poses, surface_evidence
 from .prepared import PreparedMap, sample_rows
 
 CONFLICT_WEIGHT = 6.0
-"""How many hits a conflict outweighs (DESIGN: anything from 3 to 10 did)."""
+"""How many hits a conflict outweighs; anything from 3 to 10 served in trials."""
 
 COARSE_CONFLICT_WEIGHT = 3.0
 """A conflict before refinement is less certain."""
@@ -21,9 +21,6 @@ COARSE_CONFLICT_WEIGHT = 3.0
 DISTINCT_VOXELS, DISTINCT_DEGREES = 5.0, 8.0
 """Refined poses nearer to each other than both are one: with 4 degrees, poses on their way to the best one of a coarse
 map stood beside it as rivals."""
-
-COARSE_FACTOR = 3
-"""Tolerance before refinement, as the width of a coarse cell [voxel]."""
 
 
 class Judgement(NamedTuple):
@@ -75,7 +72,9 @@ def rank_poses(
     weights = np.full(num_points, 1.0 / num_points, np.float32)
     for target, other, direction in ((a, b, T), (b, a, inverse_poses(T))):
         points = np.asarray(other.points)[sample_rows(other, num_points)]
-        shares = score_poses(target.coarse_codes(COARSE_FACTOR), *target.block, points, weights, direction)
+        shares = score_poses(
+            target.coarse_codes(target.coarse_factor), *target.block, points, weights, direction
+        )
         total += np.asarray(shares)[: len(poses)] @ np.asarray(
             [1.0, -COARSE_CONFLICT_WEIGHT, 0.0], np.float32
         )
@@ -108,7 +107,7 @@ def judge_poses(
             rows = sample_rows(other, num_points)
             points, sides = points[rows], sides[rows]
             weights = np.full(num_points, 1.0 / num_points, np.float32)
-        codes = target.coarse_codes(COARSE_FACTOR) if is_coarse else target.codes
+        codes = target.coarse_codes(target.coarse_factor) if is_coarse else target.codes
         shares, fixed = surface_evidence(
             codes, target.keys, *target.block, target.sides, points, sides, weights, direction, is_signed
         )

@@ -18,7 +18,11 @@ FIELD_RADIUS = 5
 """Reach of the nearest-voxel field [voxel]: what refinement can pull in."""
 
 HIT_SQ, CLEAR_SQ = 2, 4
-"""A hit lies within 1.5 voxels of something occupied, clear space two voxels or more away (DESIGN trials)."""
+"""A hit lies within 1.5 voxels of something occupied, clear space two voxels or more away."""
+
+COARSE_CELL = 0.3
+"""Unrefined poses are off by about so much [m], whatever the voxel size: with cells of 0.6 m, large maps of 0.2 m
+voxels agree with each other everywhere, and the right pose drowned."""
 
 SMALLEST_LIST = 16_384
 """Lists of voxels are padded to this at least: few rungs, so few shapes to compile."""
@@ -79,6 +83,11 @@ class PreparedMap(eqx.Module):
     def sides(self) -> Array:
         """Normals where they say which side is free, rows of zero elsewhere."""
         return self.normals * (self.planarity > MIN_PLANARITY).astype(jnp.float32)[:, None]
+
+    @property
+    def coarse_factor(self) -> int:
+        """Width of a coarse cell [voxel], 2 or 3."""
+        return int(np.clip(np.ceil(COARSE_CELL / self.grid.voxel_size - 1e-3), 2, 3))
 
     def coarse_codes(self, factor: int) -> UInt8[Array, "flat"]:
         """Evidence codes at the tolerance of cells `factor` voxels wide.
