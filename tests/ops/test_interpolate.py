@@ -4,6 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from oracles import resampling as oracle
@@ -35,6 +37,75 @@ def test_trilinear_is_linear_between_centres(seed):
     )
     out = resample_trilinear(values, affine, target_shape=(4, 4, 4))
     np.testing.assert_allclose(out, oracle.trilinear(values, affine, (4, 4, 4)), atol=2e-5)
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([(1, 1, 1), (1, 6, 2), (5, 3, 4)]))
+@settings(max_examples=15, deadline=None)
+def test_trilinear_of_any_motion_is_that_of_the_loop_inside_and_outside(seed, shape):
+    rng = np.random.default_rng(seed)
+    values = rng.normal(size=shape).astype(np.float32)
+    turn = Rotation.random(rng=rng).as_matrix() * rng.uniform(0.3, 2.0)
+    affine = np.concatenate([turn, rng.uniform(-2, 6, (3, 1))], 1).astype(np.float32)
+    out = resample_trilinear(values, affine, target_shape=(3, 5, 4))
+    np.testing.assert_allclose(out, oracle.trilinear(values, affine, (3, 5, 4)), atol=2e-5)
+
+
+def test_nothing_outside_the_source_is_read_even_with_weight_zero():
+    values = np.full((2, 2, 2), np.inf, np.float32)
+    affine = np.concatenate([np.eye(3), np.full((3, 1), -4)], 1).astype(np.float32)
+    out = np.asarray(resample_trilinear(values, affine, target_shape=(9, 9, 9)))
+    far = np.ones(out.shape, bool)
+    far[3:6, 3:6, 3:6] = False
+    assert (out[far] == 0).all()
+
+
+@pytest.mark.parametrize("resample", [resample_nearest, resample_trilinear])
+def test_a_source_without_voxels_gives_zeros(resample):
+    affine = np.eye(4, dtype=np.float32)[:3]
+    out = resample(np.zeros((0, 2, 2), np.float32), affine, target_shape=(2, 3, 1))
+    assert out.dtype == np.float32
+    np.testing.assert_array_equal(out, np.zeros((2, 3, 1)))
+
+
+def test_trilinear_under_vmap_over_poses_equals_one_by_one():
+    rng = np.random.default_rng(5)
+    values = rng.normal(size=(5, 4, 6)).astype(np.float32)
+    turns = Rotation.random(3, rng=rng).as_matrix()
+    affines = np.concatenate([turns, rng.uniform(0, 4, (3, 3, 1))], 2).astype(np.float32)
+    batched = jax.vmap(lambda affine: resample_trilinear(values, affine, target_shape=(4, 4, 4)))(affines)
+    for affine, out in zip(affines, batched, strict=True):
+        np.testing.assert_allclose(out, oracle.trilinear(values, affine, (4, 4, 4)), atol=2e-5)
+
+
+def test_the_gradient_in_the_values_is_the_transposed_map():
+    """<g, R v> = <R^T g, v> with R from the loop, also where cells are cut by the border."""
+    rng = np.random.default_rng(1)
+    values, cotangent = rng.uniform(1, 2, (3, 4, 2)), rng.uniform(1, 2, (5, 5, 5))
+    turn = Rotation.from_euler("xyz", (0.3, -0.2, 0.5)).as_matrix()
+    affine = np.concatenate([turn, [[-0.6], [-1.3], [-0.8]]], 1).astype(np.float32)
+    back = jax.grad(
+        lambda v: jnp.sum(
+            resample_trilinear(v, affine, target_shape=(5, 5, 5)) * cotangent.astype(np.float32),
+            dtype=jnp.float32,
+        )
+    )(values.astype(np.float32))
+    expected = np.sum(cotangent * oracle.trilinear(values, affine, (5, 5, 5)))
+    assert expected > 1.0
+    np.testing.assert_allclose(np.sum(np.asarray(back, np.float64) * values), expected, rtol=1e-4)
+
+
+@pytest.mark.parametrize("shift", [-0.8, 3.4])
+def test_the_gradient_in_the_pose_holds_in_cells_cut_by_the_border(shift):
+    values = np.random.default_rng(2).normal(size=(4, 4, 4)).astype(np.float32)
+
+    def total(offset):
+        affine = jnp.concatenate([jnp.eye(3, dtype=jnp.float32), offset[:, None]], axis=1)
+        return jnp.sum(resample_trilinear(values, affine, target_shape=(1, 2, 2)), dtype=jnp.float32)
+
+    at = np.array([shift, 0.7, 1.2], np.float32)
+    slopes = [float(total(at + s) - total(at - s)) / 0.1 for s in 0.05 * np.eye(3, dtype=np.float32)]
+    assert abs(slopes[0]) > 0.1
+    np.testing.assert_allclose(jax.grad(total)(jnp.asarray(at)), slopes, rtol=1e-3, atol=1e-4)
 
 
 def test_trilinear_gradients_are_those_of_finite_differences():
