@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from voxjax._checks import InputError
-from voxjax.ops.compact import occupied_indices, pack_bits
+from voxjax.ops.compact import occupied_indices
 
 
 def _assert_lists(occupied, size):
@@ -61,15 +61,6 @@ def test_lists_under_vmap_equal_lists_one_by_one():
     indices, mask = jax.vmap(lambda grid: occupied_indices(grid, size=150))(jnp.asarray(grids))
     for grid, rows, is_row in zip(grids, np.asarray(indices), np.asarray(mask), strict=True):
         np.testing.assert_array_equal(rows[is_row], np.argwhere(grid))
-
-
-def test_words_hold_the_first_bit_lowest():
-    bits = np.random.default_rng(3).random(70) < 0.5
-    words = np.asarray(pack_bits(bits, 4))
-    assert words.dtype == np.uint32
-    assert words.shape == (4,)
-    np.testing.assert_array_equal(np.unpackbits(words.view(np.uint8), bitorder="little")[:70], bits)
-    assert not words[3]
 
 
 @pytest.mark.parametrize("size", [-1, True])

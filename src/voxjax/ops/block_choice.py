@@ -72,7 +72,7 @@ def box_count_at(
 
 
 def _packed(occupied: Occupied) -> Words:
-    """Words of the grid; one that a CPU holds is packed where it lies by NumPy, three times as fast as by XLA."""
+    """Words of the grid; one that a CPU holds is packed where it lies by NumPy, which is faster than XLA."""
     is_on_cpu = isinstance(occupied, jax.Array) and {d.platform for d in occupied.devices()} == {"cpu"}
     return pack_words(np.asarray(occupied) if is_on_cpu else occupied)
 

@@ -14,18 +14,13 @@ import numpy as np
 from jaxtyping import Bool, UInt8, UInt32
 
 from .._types import Array
+from .bits import WORD, pack_bits
 
 Occupied = Bool[Array, "x y z"] | UInt8[Array, "x y z"]
 Words = UInt32[Array, "mx my mz"]
 
 BLOCK = 8
 """Edge of a block [voxel]: a byte of a word; also the margin along x and y."""
-
-WORD = 32
-"""Voxels along z in a word; also the margin along z."""
-
-# Puts the lowest bits of four bytes next to each other into the top four bits; no two products meet, so no carries.
-_GATHER_BITS = np.uint32(0x10204080)
 
 
 def pack_words(occupied: Occupied) -> Words:
@@ -50,17 +45,14 @@ def pack_words(occupied: Occupied) -> Words:
 
 @jax.jit
 def _pack(occupied: Occupied) -> Words:
-    """`pack_words` on the device: four voxels by a multiplication, then eight such parts."""
+    """`pack_words` on the device."""
     x, y, z = occupied.shape
     whole = _words_shape(occupied.shape)
     num_words = whole[2] - 2
-    is_occupied = jnp.asarray(occupied).astype(jnp.bool_)
+    rows = jnp.asarray(occupied)
     if z % WORD:
-        is_occupied = jnp.pad(is_occupied, ((0, 0), (0, 0), (0, -z % WORD)))
-    parts = is_occupied.astype(jnp.uint8).reshape(x, y, num_words, 8, 4)
-    fours = (jax.lax.bitcast_convert_type(parts, jnp.uint32) * _GATHER_BITS) >> np.uint32(28)
-    places = jnp.arange(0, WORD, 4, dtype=jnp.uint32)
-    words = jnp.sum(fours << places[None, None, None, :], axis=3, dtype=jnp.uint32)
+        rows = jnp.pad(rows, ((0, 0), (0, 0), (0, -z % WORD)))
+    words = pack_bits(rows.reshape(-1)).reshape(x, y, num_words)
     return jnp.pad(words, ((BLOCK, whole[0] - BLOCK - x), (BLOCK, whole[1] - BLOCK - y), (1, 1)))
 
 

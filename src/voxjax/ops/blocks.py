@@ -16,7 +16,8 @@ from jaxtyping import Bool, Int32, Shaped, UInt16, UInt32
 from .._buckets import bucket_size
 from .._checks import InputError, check_odd_window
 from .._types import Array
-from .block_words import BLOCK, WORD, Words, lattice_of_words, occupied_blocks
+from .bits import WORD
+from .block_words import BLOCK, Words, lattice_of_words, occupied_blocks
 from .compact import occupied_indices
 from .window import MAX_SIZE
 

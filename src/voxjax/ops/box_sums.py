@@ -8,9 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from .._types import Array
-from .compact import pack_bits
-
-_WORD = 32
+from .bits import WORD, pack_bits
 
 
 def separable(is_occupied: Array, size: int, margin: int = 0) -> jax.Array:
@@ -31,20 +29,18 @@ def packed(is_occupied: Array, size: int, margin: int = 0) -> jax.Array:
     """
     halo = size // 2 + margin
     nx, ny, nz = is_occupied.shape
-    num_words = -(-(nz + 2 * halo) // _WORD)
-    fill = _WORD * num_words - nz - halo
+    num_words = -(-(nz + 2 * halo) // WORD)
+    fill = WORD * num_words - nz - halo
     rows = jax.lax.pad(is_occupied, jnp.bool_(False), [(0, 0, 0), (0, 0, 0), (halo, fill, 0)])
     words = pack_bits(rows.reshape(-1)).reshape(nx, ny, num_words)
     # One word more at the end: the last windows take bits from it.
     words = jax.lax.pad(words, jnp.uint32(0), [(halo, halo, 0), (halo, halo, 0), (0, 1, 0)])
-    first = jnp.arange(_WORD, dtype=jnp.uint32)[None, None, None]
+    first = jnp.arange(WORD, dtype=jnp.uint32)[None, None, None]
     here = jnp.right_shift(words[:, :, :-1, None], first)
     # In two steps, since no device need shift by 32.
-    after = jnp.left_shift(
-        jnp.left_shift(words[:, :, 1:, None], jnp.uint32(1)), jnp.uint32(_WORD - 1) - first
-    )
+    after = jnp.left_shift(jnp.left_shift(words[:, :, 1:, None], jnp.uint32(1)), jnp.uint32(WORD - 1) - first)
     bits = (here | after) & jnp.uint32((1 << size) - 1)
-    counts = jax.lax.population_count(bits).astype(jnp.uint8).reshape(*words.shape[:2], _WORD * num_words)
+    counts = jax.lax.population_count(bits).astype(jnp.uint8).reshape(*words.shape[:2], WORD * num_words)
     return _sum_rows_and_planes(counts[:, :, : nz + 2 * margin], size)
 
 
