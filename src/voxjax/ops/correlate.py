@@ -71,7 +71,7 @@ def correlation_peaks(
     `score(t) = sum_x offer_a(x + t) ask_b(x) + sum_x ask_a(x + t) offer_b(x)`.
 
     Returns:
-        Scores, best first, and translations [cell], in [-cells / 2, cells / 2).
+        Scores, best first, and translations [cell], modulo the block, in [0, cells).
     """
     spectrum = offer_a * jnp.conj(ask_b) + ask_a * jnp.conj(offer_b)
     score = jnp.fft.irfftn(spectrum, s=cells)
@@ -89,5 +89,4 @@ def correlation_peaks(
         ],
         axis=-1,
     )
-    size = jnp.asarray(cells, jnp.int32)[None, :]
-    return top, jnp.where(cell >= size // 2, cell - size, cell)
+    return top, cell

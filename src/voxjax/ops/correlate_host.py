@@ -82,6 +82,23 @@ def coarse_spectra(
     return np.asarray(rfftn(offer, s=cells)), np.asarray(rfftn(ask, s=cells))
 
 
+def reverse(
+    spectrum: Complex64[np.ndarray, "x y w"], is_reversed: np.ndarray, *, cells: tuple[int, int, int]
+) -> Complex64[np.ndarray, "x y w"]:
+    """Transform of a real block reversed along some axes, about its first cell: `f(-x)` instead of `f(x)`.
+
+    Args:
+        spectrum: Of `rfftn`.
+        is_reversed: For each axis, whether to reverse it.
+        cells: Size of the block.
+    """
+    # The half that is stored knows the last axis forward only: a real block's other half is the conjugate at -k.
+    for axis in range(2):
+        if is_reversed[axis] != is_reversed[2]:
+            spectrum = np.take(spectrum, -np.arange(cells[axis]) % cells[axis], axis=axis)
+    return np.conj(spectrum) if is_reversed[2] else spectrum
+
+
 def correlation_peaks(
     offer_a: Complex64[np.ndarray, "x y w"],
     ask_a: Complex64[np.ndarray, "x y w"],
@@ -102,7 +119,7 @@ def correlation_peaks(
         num_peaks: At most so many.
 
     Returns:
-        Scores float32 (k,), best first, and translations int64 (k, 3) [cell], in [-cells / 2, cells / 2).
+        Scores float32 (k,), best first, and translations int64 (k, 3) [cell], modulo the block, in [0, cells).
     """
     spectrum = offer_a * np.conj(ask_b)
     spectrum += ask_a * np.conj(offer_b)
@@ -117,6 +134,4 @@ def correlation_peaks(
     for block in np.stack(np.unravel_index(order, best.shape), axis=-1) * PEAK_BLOCK:
         part = score[tuple(slice(i, i + PEAK_BLOCK) for i in block)]
         peaks.append(block + np.unravel_index(np.argmax(part), part.shape))
-    cell = np.asarray(peaks, np.int64).reshape(-1, 3)
-    size = np.asarray(cells)
-    return best.reshape(-1)[order], np.where(cell >= size // 2, cell - size, cell)
+    return best.reshape(-1)[order], np.asarray(peaks, np.int64).reshape(-1, 3)

@@ -42,6 +42,10 @@ def upright_frame(directions: np.ndarray, shares: np.ndarray) -> np.ndarray:
 def _outermost(prepared: PreparedMap) -> np.ndarray:
     """Points that span the same box as all points, in any frame: vertices of the convex hull, float64 (n, 3)."""
     points = np.asarray(prepared.points)[: prepared.num_points].astype(np.float64)
+    # Voxels are listed column by column; only the ends of a column can be vertices.
+    ends = np.ones(len(points) + 1, bool)
+    ends[1:-1] = np.any(points[1:, :2] != points[:-1, :2], axis=1)
+    points = points[ends[1:] | ends[:-1]]
     flat = np.linalg.matrix_rank(points - points.mean(axis=0), tol=0.1 * prepared.grid.voxel_size) < 3
     return points if flat else points[ConvexHull(points).vertices]
 
@@ -72,9 +76,13 @@ def exhaustive_hypotheses(
         Poses `T_a_b` float32 (k * num_peaks, 4, 4) and their coarse scores, best first.
     """
     points_a, points_b = _outermost(a), _outermost(b)
+    radius = 0.5 * float(np.linalg.norm(np.ptp(points_b, axis=0)))
     factor, placements = a.coarse_factor, []
     for factor in range(a.coarse_factor, MAX_FACTOR + 1):
-        placements = _place(points_a, points_b, rotations, frame, factor * a.grid.voxel_size)
+        cell = factor * a.grid.voxel_size
+        # Half a cell at the far end of b is lost in the cells.
+        turned = _quarter_turns_apart(frame @ rotations.astype(np.float64), 0.5 * cell / max(radius, cell))
+        placements = _place(points_a, points_b, turned, frame, cell)
         if all(np.prod(place.box_a + place.box_b) <= MAX_CELLS for place in placements):
             break
     search = search_on_host if jax.default_backend() == "cpu" else search_on_device
@@ -96,26 +104,48 @@ def exhaustive_hypotheses(
 
 
 def _place(
-    points_a: np.ndarray, points_b: np.ndarray, rotations: np.ndarray, frame: np.ndarray, cell: float
+    points_a: np.ndarray, points_b: np.ndarray, turned: np.ndarray, frame: np.ndarray, cell: float
 ) -> list[Placement]:
-    """Where both maps go for each rotation, in cells of so many metres.
+    """Where both maps go, in cells of so many metres, for rotations of b into the frame of the block.
 
     The longest axis comes first, so that turned blocks have the same shape; a permutation may be a reflection, which is
     as good, because both maps undergo it.
     """
     low_a, high_a = _box(points_a, frame, cell)
+    box_a = np.ceil((high_a - low_a) / cell).astype(int)
     placements = []
-    for rotation in rotations.astype(np.float64):
-        turned = frame @ rotation
-        low_b, high_b = _box(points_b, turned, cell)
-        box_a, box_b = (
-            np.ceil((high - low) / cell).astype(int) for high, low in ((high_a, low_a), (high_b, low_b))
-        )
+    for rotation in turned:
+        largest = np.take_along_axis(rotation, np.argmax(np.abs(rotation), axis=1)[:, None], axis=1)
+        # Adding 0 turns -0 into 0: equal blocks are to have equal bytes.
+        upright = np.where(largest < 0, -rotation, rotation) + 0.0
+        low_b, high_b = _box(points_b, upright, cell)
+        box_b = np.ceil((high_b - low_b) / cell).astype(int)
         order = np.argsort(-(box_a + box_b), kind="stable")
-        i, j, k = (int(n) for n in order)
         placements.append(
             Placement(
-                (i, j, k), box_a[order], box_b[order], frame[order], turned[order], low_a[order], low_b[order]
+                box_a[order], box_b[order], frame[order], low_a[order], upright[order], low_b[order],
+                largest[order, 0] < 0, cell,
             )
-        )
+        )  # fmt: skip
     return placements
+
+
+def _quarter_turns_apart(turned: np.ndarray, max_angle: float) -> np.ndarray:
+    """Rotations (k, 3, 3), those that differ by quarter turns but for `max_angle` [rad] made to do so exactly.
+
+    Rotations of a building come in such families; a family shares its Fourier transforms.
+    """
+    bound = 1.0 + 2.0 * np.cos(max_angle)
+    heads: list[np.ndarray] = []
+    snapped = []
+    for rotation in turned:
+        for head in heads:
+            between = rotation @ head.T
+            quarter = np.rint(between)
+            if np.sum(between * quarter) >= bound and np.array_equal(quarter @ quarter.T, np.eye(3)):
+                snapped.append(quarter @ head)
+                break
+        else:
+            heads.append(rotation)
+            snapped.append(rotation)
+    return np.reshape(np.asarray(snapped), (-1, 3, 3))

@@ -29,23 +29,39 @@ Peaks = tuple[np.ndarray, np.ndarray]
 class Placement(NamedTuple):
     """Where both maps go in the coarse block for one rotation.
 
+    Rotations that differ by quarter turns have one and the same block of b, reversed along some axes: its transform is
+    computed once.
+
     Attributes:
-        axes: Order of the block's axes, longest first.
         box_a: Cells that map a fills, from its low corner on.
         box_b: Those of map b.
         block_a: Rotation of map a into the block (3, 3).
-        block_b: Rotation of map b into the block.
         low_a: Low corner of a's box in the block's frame [m].
-        low_b: That of b's box.
+        upright_b: Rotation of map b into the block before any axis is reversed; the largest entry of each row is
+            positive.
+        upright_low_b: Low corner of b's box then [m].
+        is_reversed: Whether each axis of b's box is reversed.
+        cell: Width of a cell [m].
     """
 
-    axes: Cells
     box_a: np.ndarray
     box_b: np.ndarray
     block_a: np.ndarray
-    block_b: np.ndarray
     low_a: np.ndarray
-    low_b: np.ndarray
+    upright_b: np.ndarray
+    upright_low_b: np.ndarray
+    is_reversed: np.ndarray
+    cell: float
+
+    @property
+    def block_b(self) -> np.ndarray:
+        """Rotation of map b into the block."""
+        return np.where(self.is_reversed[:, None], -self.upright_b, self.upright_b)
+
+    @property
+    def low_b(self) -> np.ndarray:
+        """Low corner of b's box in the block's frame [m]."""
+        return np.where(self.is_reversed, -(self.upright_low_b + self.box_b * self.cell), self.upright_low_b)
 
 
 def search_on_host(
@@ -71,19 +87,31 @@ def search_on_host(
             _triple(box), factor * grid.voxel_size, CONFLICT_WEIGHT, cells=cells,
         )  # fmt: skip
 
-    keys = [(_triple([host.block_size(int(n)) for n in p.box_a + p.box_b]), p.axes) for p in placements]
-    first = {key: place for key, place in zip(reversed(keys), reversed(placements), strict=True)}
+    needed = [_triple([host.block_size(int(n)) for n in p.box_a + p.box_b]) for p in placements]
+    keys_a = [(0, cells, p.block_a.tobytes()) for cells, p in zip(needed, placements, strict=True)]
+    keys_b = [(1, cells, p.upright_b.tobytes()) for cells, p in zip(needed, placements, strict=True)]
+    first: dict[tuple, Placement] = {}
+    for key_a, key_b, place in zip(keys_a, keys_b, placements, strict=True):
+        first.setdefault(key_a, place)
+        first.setdefault(key_b, place)
+
+    def transform(key: tuple) -> tuple:
+        place = first[key]
+        if key[0] == 0:
+            return spectra(0, place.block_a, place.low_a, place.box_a, key[1])
+        return spectra(1, place.upright_b, place.upright_low_b, place.box_b, key[1])
+
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        of_a = pool.map(
-            lambda key: spectra(0, first[key].block_a, first[key].low_a, first[key].box_a, key[0]), first
-        )
-        spectra_a = dict(zip(first, of_a, strict=True))
+        known = dict(zip(first, pool.map(transform, first), strict=True))
 
-        def search(place: Placement, key: tuple[Cells, Cells]) -> Peaks:
-            of_b = spectra(1, place.block_b, place.low_b, place.box_b, key[0])
-            return host.correlation_peaks(*spectra_a[key], *of_b, cells=key[0], num_peaks=num_peaks)
+        def search(place: Placement, cells: Cells, key_a: tuple, key_b: tuple) -> Peaks:
+            of_b = (host.reverse(field, place.is_reversed, cells=cells) for field in known[key_b])
+            top, shift = host.correlation_peaks(*known[key_a], *of_b, cells=cells, num_peaks=num_peaks)
+            # Reversing a box about its first cell brings its last cell there.
+            shift = shift - np.where(place.is_reversed, place.box_b - 1, 0)
+            return top, _unwrapped(shift, place.box_a, cells)
 
-        return list(pool.map(search, placements, keys))
+        return list(pool.map(search, placements, needed, keys_a, keys_b))
 
 
 def search_on_device(
@@ -97,13 +125,20 @@ def search_on_device(
     spectra_a, found = {}, []
     for place, shape in zip(placements, needed, strict=True):
         cells = shared[shape]
-        key = cells, place.axes
+        key = cells, place.block_a.tobytes()
         if key not in spectra_a:
             spectra_a[key] = _spectra(a, codes_a, place.block_a, place.low_a, cell, cells)
         of_b = _spectra(b, codes_b, place.block_b, place.low_b, cell, cells)
         top, shift = correlation_peaks(*spectra_a[key], *of_b, cells=cells, num_peaks=num_peaks)
-        found.append((np.asarray(top), np.asarray(shift)))
+        found.append((np.asarray(top), _unwrapped(np.asarray(shift, np.int64), place.box_a, cells)))
     return found
+
+
+def _unwrapped(shift: np.ndarray, box_a: np.ndarray, cells: Cells) -> np.ndarray:
+    """Shifts under which b meets a's box, from shifts modulo the block."""
+    size = np.asarray(cells)
+    shift = shift % size
+    return np.where(shift >= box_a, shift - size, shift)
 
 
 def _coarse_block(prepared: PreparedMap, factor: int) -> np.ndarray:
