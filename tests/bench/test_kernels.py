@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from bench.kernel_plots import constant_surface
 from bench.kernel_row import KernelRow, Target
-from bench.kernel_rows import window as window_rows
+from bench.kernel_rows import box as box_rows
 from bench.timing import Timing
 
 from bench import kernel_results, kernel_setting, kernels
@@ -190,5 +190,5 @@ def test_references_of_the_count_equal_the_oracle():
     occupied = (np.random.default_rng(0).random((9, 10, 11)) < 0.4).astype(np.uint8)
     for size in (3, 7, 15):
         np.testing.assert_array_equal(
-            window_rows.numpy_adds(occupied, size), sliding_window.window_count(occupied, size)
+            box_rows.numpy_adds(occupied, size), sliding_window.window_count(occupied, size)
         )

@@ -1,14 +1,11 @@
 """Flat, edge and corner voxels, by how the occupied count changes when the window moves (section III)."""
 
-from functools import partial
-
-import jax
 import jax.numpy as jnp
 from jaxtyping import UInt8
 
 from .._checks import InputError
 from .._types import Array
-from ..ops.window import Occupied, count_steady_directions
+from ..ops.window import Occupied, window_classes
 
 EMPTY, FLAT, EDGE, CORNER = 0, 1, 2, 3
 
@@ -41,11 +38,4 @@ def classify_voxels(
         raise InputError(f"shift must be 1 voxel or more, got {shift!r}.")
     if not 1 <= min_change <= 100:
         raise InputError(f"min_change must be a percentage from 1 to 100, got {min_change!r}.")
-    return _classify(occupied, jnp.int32(min_change), size=size, shift=shift)
-
-
-@partial(jax.jit, static_argnames=("size", "shift"))
-def _classify(occupied: Array, min_change: Array, *, size: int, shift: int) -> Array:
-    steady = count_steady_directions(occupied, min_change, size=size, shift=shift)
-    kind = jnp.where(steady == 0, CORNER, jnp.where(steady == 1, EDGE, FLAT)).astype(jnp.uint8)
-    return jnp.where(jnp.asarray(occupied).astype(jnp.bool_), kind, jnp.uint8(EMPTY))
+    return window_classes(occupied, jnp.int32(min_change), size=size, shift=shift)
