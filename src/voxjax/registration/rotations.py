@@ -20,6 +20,10 @@ NUM_SAMPLES = 512
 MAX_VOTERS = 10_000
 """Normals that vote for directions, at most about twice so many."""
 
+FEWER = 4
+"""One in so many of the normals sharpens the seeds, of which most lead to the same few rotations; all normals then
+sharpen those few and rank them."""
+
 KERNEL = 60.0
 """Concentration of the kernel exp(k (cos - 1)) between normals: about 7.4 degrees."""
 
@@ -42,12 +46,13 @@ def dominant_directions(
     total = float(weights.sum(dtype=np.float64))
     is_free = np.ones(len(normals), dtype=bool)
     seeds = normals[:: max(len(normals) // 400, 1)]
+    # As numbers: a product with truth values takes ten times as long.
+    near = (np.abs(seeds @ normals.T) > np.cos(np.radians(8.0))).astype(np.float32)
     directions, shares = [], []
     for _ in range(max_directions):
         if not is_free.any():
             break
-        near = np.abs(seeds @ normals[is_free].T) > np.cos(np.radians(8.0))
-        votes = near @ weights[is_free]
+        votes = near @ np.where(is_free, weights, 0.0).astype(np.float32)
         best = int(np.argmax(votes))
         if votes[best] < 0.01 * total:
             break
@@ -192,9 +197,20 @@ def rotation_hypotheses(
     seeds = seeds[
         distinct_rotations(seeds, -np.arange(len(seeds), dtype=np.float64), angle=4.0, max_count=1000)
     ]
-    padded = pad_rows(seeds.astype(np.float32), bucket_size(len(seeds), 32))
-    padded[len(seeds) :] = np.eye(3, dtype=np.float32)
-    sharp, agreement = sharpen_rotations(samples_a, samples_b, padded, is_signed=is_signed)
-    sharp, agreement = np.asarray(sharp)[: len(seeds)], np.asarray(agreement, np.float64)[: len(seeds)]
+    rough, agreement = _sharpen(samples_a[::FEWER], samples_b[::FEWER], seeds, is_signed, 6)
+    rough = rough[distinct_rotations(rough, agreement, angle=2.0, max_count=2 * max_rotations)]
+    sharp, agreement = _sharpen(samples_a, samples_b, rough, is_signed, 4)
     kept = distinct_rotations(sharp, agreement, angle=4.0, max_count=max_rotations)
     return sharp[kept], agreement[kept]
+
+
+def _sharpen(
+    samples_a: np.ndarray, samples_b: np.ndarray, rotations: np.ndarray, is_signed: bool, num_steps: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """`sharpen_rotations`, padded to a rung of the ladder."""
+    padded = pad_rows(rotations.astype(np.float32), bucket_size(len(rotations), 64))
+    padded[len(rotations) :] = np.eye(3, dtype=np.float32)
+    sharp, agreement = sharpen_rotations(
+        samples_a, samples_b, padded, is_signed=is_signed, num_steps=num_steps
+    )
+    return np.asarray(sharp)[: len(rotations)], np.asarray(agreement, np.float64)[: len(rotations)]
