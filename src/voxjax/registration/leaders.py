@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Float
 
 from .._buckets import bucket_size, pad_rows
-from .._types import Array
 from ..ops.align import align_poses
 from ..ops.evidence import score_poses, surface_evidence
 from .prepared import PreparedMap, sample_rows
@@ -105,7 +104,8 @@ def judge_poses(
         points, sides, weights = other.points, other.sides, other.weights
         if num_points is not None:
             rows = sample_rows(other, num_points)
-            points, sides = points[rows], sides[rows]
+            # On the host: each new shape of a map would compile a lookup here.
+            points, sides = np.asarray(points)[rows], np.asarray(sides)[rows]
             weights = np.full(num_points, 1.0 / num_points, np.float32)
         codes = target.coarse_codes(target.coarse_factor) if is_coarse else target.codes
         shares, fixed = surface_evidence(
@@ -165,7 +165,7 @@ def refine_poses(
     """Align each pose, b onto the surface of a; distances are robust scales [voxel]."""
     rows = sample_rows(b, num_points)
     weights = np.full(num_points, 1.0 / num_points, np.float32)
-    points: Array = b.points[rows]
+    points = np.asarray(b.points)[rows]
     refined = align_poses(
         a.keys, *a.block, a.points, a.normals, points, weights, _padded(poses, 8), num_steps=num_steps,
         start_distance=jnp.float32(start_distance), final_distance=jnp.float32(final_distance),

@@ -43,6 +43,7 @@ class PreparedMap(eqx.Module):
         anchors: The same points moved onto the planes through their neighbourhoods [m], which takes out most of what
             the grid rounded; voxel centres where there is no plane.
         normals: Unit normals, toward free space where the map has any.
+        sides: Normals where they say which side is free, rows of zero elsewhere.
         weights: Leverage of each voxel: how much it rules out; sums to 1, 0 for padding. Floors and ceilings together
             weigh as much as the walls along one axis, whatever their areas.
         planarity: In [0, 1], 0 for padding.
@@ -59,6 +60,7 @@ class PreparedMap(eqx.Module):
     points: Float32[Array, "n 3"]
     anchors: Float32[Array, "n 3"]
     normals: Float32[Array, "n 3"]
+    sides: Float32[Array, "n 3"]
     weights: Float32[Array, "n"]
     planarity: Float32[Array, "n"]
     num_points: int
@@ -78,11 +80,6 @@ class PreparedMap(eqx.Module):
     def block(self) -> tuple[Array, Array, Array]:
         """Dims, origin and voxel size, as the lookups take them."""
         return self.dims, jnp.asarray(self.grid.origin), jnp.float32(self.grid.voxel_size)
-
-    @property
-    def sides(self) -> Array:
-        """Normals where they say which side is free, rows of zero elsewhere."""
-        return self.normals * (self.planarity > MIN_PLANARITY).astype(jnp.float32)[:, None]
 
     @property
     def coarse_factor(self) -> int:
@@ -128,6 +125,7 @@ def prepare_map(grid: VoxelGrid) -> PreparedMap:
         points=jnp.asarray(pad_rows(points, size)),
         anchors=jnp.asarray(pad_rows(anchors, size)),
         normals=jnp.asarray(pad_rows(normals, size)),
+        sides=jnp.asarray(pad_rows(normals * (planarity > MIN_PLANARITY)[:, None], size)),
         weights=jnp.asarray(pad_rows(leverage_weights(normals, planarity), size)),
         planarity=jnp.asarray(pad_rows(planarity, size)),
         num_points=count,
@@ -157,13 +155,13 @@ def sample_rows(prepared: PreparedMap, count: int) -> np.ndarray:
 
 
 def _padded(prepared: PreparedMap, length: int, volume: int) -> PreparedMap:
-    lists = (prepared.points, prepared.anchors, prepared.normals, prepared.weights, prepared.planarity)
-    blocks = ((prepared.keys, NOTHING_NEAR), (prepared.codes, 0), (prepared.states, 0))
+    lists = ("points", "anchors", "normals", "sides", "weights", "planarity")
+    blocks = {"keys": NOTHING_NEAR, "codes": 0, "states": 0}
+    changed = {name: pad_rows(np.asarray(getattr(prepared, name)), length) for name in lists}
+    for name, fill in blocks.items():
+        changed[name] = pad_rows(np.asarray(getattr(prepared, name)), volume, int(fill))
     return eqx.tree_at(
-        lambda m: (m.points, m.anchors, m.normals, m.weights, m.planarity, m.keys, m.codes, m.states),
-        prepared,
-        tuple(jnp.asarray(pad_rows(np.asarray(rows), length)) for rows in lists)
-        + tuple(jnp.asarray(pad_rows(np.asarray(cells), volume, int(fill))) for cells, fill in blocks),
+        lambda m: [getattr(m, name) for name in changed], prepared, [jnp.asarray(v) for v in changed.values()]
     )
 
 
