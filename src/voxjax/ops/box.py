@@ -38,8 +38,9 @@ def box_count(
         implementation: "separable": one pass per axis in uint8, uint8, uint16. "packed": the first pass from
             words of 32 voxels. "summed_area": an integral image in uint32, work independent of `size`. "pallas":
             one kernel that reads the grid once and writes the counts once, on a GPU only. None takes "separable"
-            on every device. Which of it and "packed" is the faster on a CPU went both ways on a busy machine, and the
-            kernel was not yet measured on a GPU: `python -m bench kernels` compares all of them.
+            on every device: on a CPU it is faster than "packed" wherever the process keeps its memory (fresh pages
+            may cost several times either), and the kernel was not yet measured on a GPU: `python -m bench kernels`
+            compares all of them.
 
     Returns:
         uint16 counts in [0, size**3], shape of the input. Temporary memory is about 1 byte per voxel, with
