@@ -1,5 +1,7 @@
 """A stand-in for `register` that answers from a table of true poses, to test what is built on it."""
 
+from types import SimpleNamespace
+
 import numpy as np
 
 from voxjax import RESULTS, Registration, VoxelGrid
@@ -44,6 +46,11 @@ def pose(angle, translation):
     return T
 
 
+def fake_features(grid, *, voxel_size, infer_free_space):
+    """Features that know their map alone."""
+    return SimpleNamespace(grid=grid, late=None)
+
+
 class FakeRegister:
     """Answers with the true relative pose of two of the known maps, and a verdict from a table.
 
@@ -57,6 +64,7 @@ class FakeRegister:
         self.calls = []
 
     def number(self, grid):
+        grid = getattr(grid, "grid", grid)
         return next(n for n, known in enumerate(self.grids) if known == grid)
 
     def __call__(self, a, b, **options):
@@ -76,6 +84,6 @@ class FakeRegister:
 
         monkeypatch.setattr(many, "register", self)
         monkeypatch.setattr(many, "register_prepared", self)
-        monkeypatch.setattr(many, "prepare", lambda grid, *, voxel_size, infer_free_space: grid)
+        monkeypatch.setattr(many, "prepare", fake_features)
         monkeypatch.setattr(many, "share_sizes", list)
         return self

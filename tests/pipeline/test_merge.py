@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fake_register import FakeRegister, cube_map, pose, registration
+from fake_register import FakeRegister, cube_map, fake_features, pose, registration
 from voxjax import InputError, VoxelGrid, merge
 from voxjax.pipeline import many
 
@@ -143,7 +143,7 @@ def test_features_are_computed_once_a_map(monkeypatch, maps):
 
     def prepare(grid, *, voxel_size, infer_free_space):
         prepared.append(voxel_size)
-        return grid
+        return fake_features(grid, voxel_size=voxel_size, infer_free_space=infer_free_space)
 
     monkeypatch.setattr(many, "prepare", prepare)
     merge(maps)

@@ -14,7 +14,7 @@ from .._checks import InputError
 from ..fusion.fuse import fuse
 from ..grid import VoxelGrid
 from ..metrics import pose_error
-from ..registration.map_features import share_sizes
+from ..registration.map_features import LateFeatures, share_sizes
 from ..registration.types import Registration
 from .config import Config, config_from
 from .pair import prepare, register, register_prepared, working_voxel_size
@@ -50,6 +50,8 @@ class Merge(eqx.Module):
         status: "merged" all maps, "partial" some of them, "no_overlap" none.
         loops: Disagreement of the accepted pairs outside the tree; empty with two maps.
         seconds: {stage: s}: "features", "register", "fuse" and their sum "total".
+        late: Corners and descriptors of each map, computed when first asked for; None for a map without any, or where
+            the preset computes its own.
     """
 
     grid: VoxelGrid | None
@@ -58,6 +60,7 @@ class Merge(eqx.Module):
     status: Status
     loops: tuple[LoopError, ...]
     seconds: dict
+    late: tuple[LateFeatures | None, ...]
 
     @property
     def reason(self) -> str:
@@ -146,6 +149,7 @@ def merge(
             "features": prepared - start, "register": registered - prepared, "fuse": end - registered,
             "total": end - start,
         },
+        late=tuple(None if f is None else f.late for f in features or [None] * len(grids)),
     )  # fmt: skip
 
 

@@ -11,8 +11,6 @@ import numpy as np
 
 from .. import __version__
 from ..registration.types import Registration
-from .config import Config
-from .pair import prepare, working_voxel_size
 
 if TYPE_CHECKING:
     from ..grid import VoxelGrid
@@ -118,10 +116,7 @@ def _corner_counts(merged: Merge, grids: Sequence[VoxelGrid]) -> list[int]:
     for a, b, registration in merged.pairs:
         counts[a] = registration.stats.get("num_corners_a", counts[a])
         counts[b] = registration.stats.get("num_corners_b", counts[b])
-    if None not in counts:
-        return [int(count) for count in counts if count is not None]
-    voxel_size = working_voxel_size([grid for grid in grids if grid.num_occupied], Config())
     return [
-        prepare(grid, voxel_size=voxel_size).corners.num_listed if count is None else int(count)
-        for grid, count in zip(grids, counts, strict=True)
+        late.corners.num_listed if count is None and late is not None else count or 0
+        for count, late in zip(counts, merged.late, strict=True)
     ]
