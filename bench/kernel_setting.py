@@ -10,8 +10,10 @@ import jax
 
 TUNED = (
     "GLIBC_TUNABLES=glibc.malloc.hugetlb=1:glibc.malloc.mmap_max=0:glibc.malloc.trim_threshold=17179869184"
+    ":glibc.malloc.arena_max=1"
 )
-"""Environment that spares the page faults of fresh arrays on Linux: huge pages, and memory kept by the process."""
+"""Environment that spares the page faults of fresh arrays on Linux: huge pages, memory kept by the process, and one
+arena for all threads, because what one of the compiler's threads gives back another one could not use."""
 
 _VARIABLES = ("GLIBC_TUNABLES", "LD_PRELOAD", "MALLOC_CONF", "XLA_PYTHON_CLIENT_ALLOCATOR", "XLA_FLAGS")
 _PACKAGES = ("voxjax", "jax", "jaxlib", "numpy", "scipy")

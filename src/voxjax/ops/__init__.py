@@ -8,12 +8,14 @@ from .compact import occupied_indices
 from .components import connected_components, grow_regions, label_voxels
 from .distance import distance_field
 from .eigen import eigen_by_columns, symmetric_eigen
+from .interpolate import backward_affine, resample_nearest, resample_trilinear
 from .moments import surface_moments
 from .sharded import gather_shards, map_shards, shard_grid
 from .tiles import map_tiles
 from .window import count_change, count_steady_directions, window_classes
 
 __all__ = [
+    "backward_affine",
     "box_count",
     "box_count_at",
     "connected_components",
@@ -32,6 +34,8 @@ __all__ = [
     "map_tiles",
     "occupied_indices",
     "pack_words",
+    "resample_nearest",
+    "resample_trilinear",
     "shard_grid",
     "surface_moments",
     "symmetric_eigen",
