@@ -1,22 +1,31 @@
 """Surface moments at listed voxels: normal, curvature and the side on which space is free.
 
-Work grows with the number of listed voxels, not with the volume.
+Work grows with the number of listed voxels, but for one pass over the volume that packs the states into bits.
 """
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float32, Int32, UInt8
+from jaxtyping import Bool, Float32, Int, Int32, Shaped, UInt8
 
-from .._buckets import flat_block
+from .._buckets import bucket_size
 from .._checks import check_odd_window
-from .._types import FREE, OCCUPIED, Array
+from .._types import Array
 from .eigen import symmetric_eigen
+from .window_bits import GROUP, PackedStates, ball_offsets, pack_states, window_sums
 
-_CHUNK = 4096
+__all__ = ["SurfaceMoments", "ball_offsets", "surface_moments"]
+
+_PIECE = 2048
+_PIECES = 4
+_CHUNK_ELSEWHERE = 1 << 17
+"""Rows of one step on a CPU (what it writes stays in the cache of a core) and steps of a chunk; rows of a chunk on
+other devices, whose steps are whole chunks."""
+_SMALLEST_BLOCK = 1 << 20
 
 
 class SurfaceMoments(NamedTuple):
@@ -42,14 +51,6 @@ class SurfaceMoments(NamedTuple):
     free_distance: UInt8[Array, "n 2"]
 
 
-def ball_offsets(size: int) -> np.ndarray:
-    """Voxel offsets int32 (k, 3) within size / 2 of the centre: a ball treats all directions alike."""
-    half = size // 2
-    axis = np.arange(-half, half + 1)
-    offsets = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
-    return offsets[(offsets**2).sum(axis=1) <= (size / 2) ** 2].astype(np.int32)
-
-
 def surface_moments(
     states: UInt8[Array, "x y z"], index: Int32[Array, "n 3"], *, size: int = 7, reach: int = 3
 ) -> SurfaceMoments:
@@ -68,83 +69,153 @@ def surface_moments(
     Returns:
         `SurfaceMoments`, rows as in `index`. Fewer than three voxels, or voxels on a line, leave a normal that is
         some unit vector; `curvature` is then 0 and `num_occupied` small.
+
+    Raises:
+        InputError: If the size is not odd or above 25, or the reach above 12.
     """
     margin = max(check_odd_window("size", size) // 2, reach)
-    if isinstance(states, np.ndarray):
-        padded = np.pad(states, margin)
-        flat = flat_block(padded)
-    else:
-        padded = jnp.pad(states, margin)
-        flat = padded.reshape(-1)
+    on_cpu = jax.default_backend() == "cpu"
+    flat, dims = _padded_host(states, margin) if isinstance(states, np.ndarray) else _padded(states, margin)
     return _flat_moments(
-        flat, np.asarray(padded.shape, np.int32), index, size=size, reach=reach, margin=margin
+        flat,
+        dims,
+        index,
+        size=size,
+        reach=reach,
+        margin=margin,
+        chunk=_PIECE * _PIECES if on_cpu else _CHUNK_ELSEWHERE,
+        pieces=_PIECES if on_cpu else 1,
     )
 
 
-@partial(jax.jit, static_argnames=("size", "reach", "margin"))
+def _padded_shape(states: Shaped[Array, "x y z"] | np.ndarray, margin: int) -> list[int]:
+    """Shape of the block with the margin on each side, its depth a multiple of `GROUP`."""
+    x, y, z = (side + 2 * margin for side in states.shape)
+    return [x, y, -(-z // GROUP) * GROUP]
+
+
+def _padded_host(states: np.ndarray, margin: int) -> tuple[np.ndarray, np.ndarray]:
+    """The padded block in C order, on the ladder of sizes, and its shape; one copy of the states."""
+    shape = _padded_shape(states, margin)
+    num_cells = int(np.prod(shape))
+    flat = np.zeros(bucket_size(num_cells, _SMALLEST_BLOCK), np.uint8)
+    inner = tuple(slice(margin, margin + side) for side in states.shape)
+    flat[:num_cells].reshape(shape)[inner] = states
+    return flat, np.asarray(shape, np.int32)
+
+
+def _padded(states: Array, margin: int) -> tuple[Array, np.ndarray]:
+    """`_padded_host` for arrays on a device or under a transformation, without the ladder."""
+    shape = _padded_shape(states, margin)
+    widths = [(margin, full - margin - side) for full, side in zip(shape, states.shape, strict=True)]
+    return jnp.pad(states.astype(jnp.uint8), widths).reshape(-1), np.asarray(shape, np.int32)
+
+
+@partial(jax.jit, static_argnames=("size", "reach", "margin", "chunk", "pieces"))
 def _flat_moments(
     flat: UInt8[Array, "flat"], dims: Int32[Array, "3"], index: Int32[Array, "n 3"],
-    *, size: int, reach: int, margin: int,
+    *, size: int, reach: int, margin: int, chunk: int, pieces: int,
 ) -> SurfaceMoments:  # fmt: skip
     """`surface_moments` on a flat block that is `margin` voxels wider on each side than the grid of `index`."""
-    offsets = ball_offsets(size)
-    strides = jnp.stack([dims[1] * dims[2], dims[2], jnp.ones_like(dims[2])])
-    steps = jnp.sum(jnp.asarray(offsets) * strides[None, :], axis=1, dtype=jnp.int32)
-    pairs = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-    columns = [np.ones(len(offsets)), *offsets.T, *(offsets[:, i] * offsets[:, j] for i, j in pairs)]
-    basis = jnp.asarray(np.stack(columns, axis=1), jnp.float32)
+    packed = pack_states(flat, dims, margin=margin)
 
-    def one_chunk(rows: Array) -> SurfaceMoments:
-        base = jnp.sum((rows + margin) * strides[None, :], axis=1, dtype=jnp.int32)
-        window = flat[base[:, None] + steps[None, :]]
-        # Sums of small whole numbers: exact in float32.
-        sums = (window == OCCUPIED).astype(jnp.float32) @ basis
-        free = (window == FREE).astype(jnp.float32) @ basis[:, :4]
-        return _summarise(flat, base, strides, sums, free, reach)
+    def place(rows: Array) -> tuple[Array, Array]:
+        # The columns of the window begin at the group that holds the voxel `margin` below.
+        group = packed.steps(rows[0] + margin, rows[1] + margin) + rows[2] // GROUP
+        return group, (rows[2] % GROUP).astype(jnp.uint32)
 
-    num_chunks = -(-index.shape[0] // _CHUNK)
-    rows = jnp.pad(index, ((0, num_chunks * _CHUNK - index.shape[0]), (0, 0)))
-    out = jax.lax.map(one_chunk, rows.reshape(num_chunks, _CHUNK, 3))
-    return SurfaceMoments(*(a.reshape(-1, *a.shape[2:])[: index.shape[0]] for a in out))
+    def one_chunk(rows: Array) -> tuple[Array, ...]:
+        group, shift = _stepwise(place, pieces, rows.T)
+        sums = _stepwise(
+            lambda g, s: window_sums(packed, g, s + np.uint32(margin - size // 2), size=size),
+            pieces, group, shift,
+        )  # fmt: skip
+        values, axis = _stepwise(_least_axis, pieces, sums)
+        normal, *shape = _stepwise(_summarise, pieces, sums, values, axis)
+        moves = _stepwise(lambda n: _moves(packed, n, reach), pieces, normal)
+        distance = _stepwise(
+            lambda *places: _free_distances(packed, margin, *places), pieces, group, shift, *moves
+        )
+        return normal.T, *shape, distance.T
+
+    num_rows = index.shape[0]
+    num_chunks = -(-num_rows // chunk)
+    rows = jnp.pad(index.astype(jnp.int32), ((0, num_chunks * chunk - num_rows), (0, 0)))
+    out = jax.lax.map(one_chunk, rows.reshape(num_chunks, chunk, 3))
+    return SurfaceMoments(*(a.reshape(-1, *a.shape[2:])[:num_rows] for a in out))
+
+
+def _stepwise(step: Callable, pieces: int, *columns: Array):
+    """Apply a step to columns, piece by piece, and write its results down before the next step reads them.
+
+    The loop is what makes XLA write them down on a CPU. Without it, each result of a later step computes those of
+    the earlier ones again (`optimization_barrier` is gone before loops are fused), which takes ten times as long.
+    """
+    if pieces == 1:
+        return jax.lax.optimization_barrier(step(*columns))
+    split = [jnp.moveaxis(a.reshape(*a.shape[:-1], pieces, -1), -2, 0) for a in columns]
+    done = jax.lax.map(lambda piece: step(*piece), split)
+    return jax.tree.map(lambda a: jnp.moveaxis(a, 0, -2).reshape(*a.shape[1:-1], -1), done)
+
+
+def _least_axis(sums: Int[Array, "14 n"]) -> tuple[Float32[Array, "3 n"], Float32[Array, "3 n"]]:
+    """Eigenvalues of the covariance of the occupied voxels, ascending, and the vector of the least one."""
+    sums = sums.astype(jnp.float32)
+    count = jnp.maximum(sums[0], 1.0)
+    mean, second = sums[1:4] / count[None], sums[4:10] / count[None]
+    xx, yy, zz, xy, xz, yz = (
+        second[k] - mean[i] * mean[j]
+        for k, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
+    )
+    rows = (jnp.stack(row, axis=-1) for row in ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
+    values, vectors = symmetric_eigen(jnp.stack(list(rows), axis=-2))
+    return values.T, vectors[:, 0].T
 
 
 def _summarise(
-    flat: Array, base: Array, strides: Array, sums: Array, free: Array, reach: int
-) -> SurfaceMoments:
-    """Moments of one chunk to normals, curvature and free sides."""
-    count = jnp.maximum(sums[:, :1], 1.0)
-    mean = sums[:, 1:4] / count
-    second = sums[:, 4:] / count
-    xx, yy, zz, xy, xz, yz = (second[:, k] for k in range(6))
-    full = jnp.stack(
-        [jnp.stack([xx, xy, xz], -1), jnp.stack([xy, yy, yz], -1), jnp.stack([xz, yz, zz], -1)], -2
-    )
-    values, vectors = symmetric_eigen(full - mean[:, :, None] * mean[:, None, :])
-    values = jnp.maximum(values, 0.0)
-    normal = vectors[:, 0]
+    sums: Array, values: Float32[Array, "3 n"], axis: Float32[Array, "3 n"]
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Normal (3, n) toward free space, curvature, number of voxels, whether there is free space, offset."""
+    count, *first = (sums[k].astype(jnp.float32) for k in range(4))
+    free_count, *free = (sums[k].astype(jnp.float32) for k in range(10, 14))
+    mean = [s / jnp.maximum(count, 1.0) for s in first]
+    low, middle, high = (jnp.maximum(values[k], 0.0) for k in range(3))
+    total = low + middle + high
+    curvature = low / jnp.where(total > 0.0, total, 1.0)
+    offset = sum(m * a for m, a in zip(mean, axis, strict=True))
     # The free voxels' offset from the surface, along the normal.
-    lean = jnp.sum((free[:, 1:4] - free[:, :1] * mean) * normal, axis=1, dtype=jnp.float32)
-    normal = jnp.where((lean < 0.0)[:, None], -normal, normal)
-    total = jnp.sum(values, axis=1, dtype=jnp.float32)
-    curvature = values[:, 0] / jnp.where(total > 0.0, total, jnp.ones_like(total))
-    distance = jnp.stack(
-        [_steps_to_free(flat, base, strides, s * normal, reach) for s in (1.0, -1.0)], axis=1
-    )
-    offset = jnp.sum(mean * normal, axis=1, dtype=jnp.float32)
-    return SurfaceMoments(
-        normal, curvature, sums[:, 0].astype(jnp.int32), jnp.abs(lean) > 0.5, offset, distance
-    )
+    lean = sum((f - free_count * m) * a for f, m, a in zip(free, mean, axis, strict=True))
+    sign = jnp.where(lean < 0.0, jnp.float32(-1.0), jnp.float32(1.0))
+    return sign[None] * axis, curvature, sums[0].astype(jnp.int32), jnp.abs(lean) > 0.5, sign * offset
 
 
-def _steps_to_free(flat: Array, base: Array, strides: Array, direction: Array, reach: int) -> Array:
-    """Steps to the first free voxel along a direction before anything unknown; reach + 1 if none."""
-    distance = jnp.full(base.shape, reach + 1, jnp.uint8)
-    is_open = jnp.ones(base.shape, jnp.bool_)
+def _moves(
+    packed: PackedStates, normal: Float32[Array, "3 n"], reach: int
+) -> tuple[Int32[Array, "r n"], Int32[Array, "r n"]]:
+    """Steps along the normal: words to go on, and voxels up."""
+    largest = jnp.max(jnp.abs(normal), axis=0)
+    words, up = [], []
     for step in range(1, reach + 1):
         # Scaled so that each step enters a new voxel along the direction's largest axis.
-        largest = jnp.max(jnp.abs(direction), axis=1, keepdims=True)
-        move = jnp.round(step * direction / largest).astype(jnp.int32)
-        state = flat[base + jnp.sum(move * strides[None, :], axis=1, dtype=jnp.int32)]
-        distance = jnp.where(is_open & (state == FREE), jnp.uint8(step), distance)
-        is_open = is_open & (state == OCCUPIED)
-    return distance
+        x, y, z = (jnp.round(step * normal[k] / largest).astype(jnp.int32) for k in range(3))
+        words.append(packed.steps(x, y))
+        up.append(z)
+    return jnp.stack(words), jnp.stack(up)
+
+
+def _free_distances(
+    packed: PackedStates, margin: int, group: Array, shift: Array, words: Array, up: Array
+) -> UInt8[Array, "2 n"]:
+    """Steps to the first free voxel before anything unknown, on both sides; reach + 1 if none."""
+    reach, middle = words.shape[0], shift.astype(jnp.int32) + margin
+    distances = []
+    for side in (1, -1):
+        distance = jnp.full(group.shape, reach + 1, jnp.uint8)
+        is_open = jnp.ones(group.shape, jnp.bool_)
+        for step in range(reach):
+            at = (middle + side * up[step]).astype(jnp.uint32)
+            occupied, free = (bits & 1 == 1 for bits in packed.look(group + side * words[step], at))
+            distance = jnp.where(is_open & free, jnp.uint8(step + 1), distance)
+            is_open = is_open & occupied
+        distances.append(distance)
+    return jnp.stack(distances)

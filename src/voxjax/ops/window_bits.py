@@ -1,0 +1,202 @@
+"""Sums over the occupied and the free voxels of a ball around listed voxels, from one bit a voxel.
+
+The states lie packed along z. One word of the packed block holds all that a window can need of one column, so a ball
+of diameter 7 costs 37 lookups a voxel and not 179, and sums along z are counts of bits. All sums are exact.
+"""
+
+import functools
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Int, Int32, UInt8, UInt32
+
+from .._checks import InputError
+from .._types import FREE, OCCUPIED, Array
+
+GROUP = 8
+"""Voxels along z that share a word; the depth of a padded block is a multiple of it."""
+SHARED_MARGIN = 4
+MAX_MARGIN = 12
+"""Largest reach along z [voxel] with both states in one word, and at all: 8 + 2 * reach bits must fit."""
+_SMALL = 7
+"""Largest diameter whose sums over one plane of the ball fit 8 bits, and all its sums 16."""
+
+
+class PackedStates(NamedTuple):
+    """States of a padded block, packed along z.
+
+    Attributes:
+        words: uint32 (k, groups): bit i of a word is the voxel i places after the first one of its group. One row:
+            occupied in the low 16 bits, free in the high ones; two rows: occupied, free.
+        height: int32: voxels of the block along y.
+        depth: int32: groups of the block along z.
+    """
+
+    words: UInt32[Array, "k groups"]
+    height: Int32[Array, ""]
+    depth: Int32[Array, ""]
+
+    def look(self, group: Array, shift: Array) -> tuple[Array, Array]:
+        """Bits of the occupied and of the free voxels from `shift` voxels after the start of a group on, uint32."""
+        found = [
+            row.at[group].get(mode="promise_in_bounds", wrap_negative_indices=False) >> shift
+            for row in self.words
+        ]
+        return (found[0], found[0] >> 16) if len(found) == 1 else (found[0], found[1])
+
+    def steps(self, x: Array, y: Array) -> Array:
+        """Groups between two voxels that are x and y apart, int32."""
+        return (x * self.height + y) * self.depth
+
+
+def pack_states(flat: UInt8[Array, "flat"], dims: Int32[Array, "3"], *, margin: int) -> PackedStates:
+    """Pack a block of states.
+
+    Args:
+        flat: States in C order; the length a multiple of 8.
+        dims: Shape of the block; depth a multiple of 8. What `flat` holds after it does not matter.
+        margin: How far along z a window reaches [voxel].
+
+    Raises:
+        InputError: If the margin is above 12.
+    """
+    if margin > MAX_MARGIN:
+        raise InputError(f"size must be {2 * MAX_MARGIN + 1} or less and reach {MAX_MARGIN} or less.")
+    quads = jax.lax.bitcast_convert_type(flat.reshape(-1, 4), jnp.uint32)
+    # The product brings one bit of each of four bytes side by side to the top.
+    halves = [
+        (((quads >> np.uint32(state >> 1)) & np.uint32(0x01010101)) * np.uint32(0x10204080)) >> np.uint32(28)
+        for state in (OCCUPIED, FREE)
+    ]
+    nibbles = (halves[0] | halves[1] << 4).astype(jnp.uint8)
+    pairs = jax.lax.bitcast_convert_type(nibbles.reshape(-1, 2), jnp.uint16).astype(jnp.uint32)
+    occupied = (pairs & 0xF) | ((pairs >> 4) & 0xF0)
+    free = ((pairs >> 4) & 0xF) | ((pairs >> 8) & 0xF0)
+    if margin <= SHARED_MARGIN:
+        words = _with_next((occupied | free << 16)[None], 1)
+    else:
+        words = _with_next(jnp.stack([occupied, free]), 3)
+    return PackedStates(words, dims[1], dims[2] // GROUP)
+
+
+def _with_next(words: Array, count: int) -> Array:
+    """Words with the bits of the `count` groups that follow above their own."""
+    padded = jnp.pad(words, ((0, 0), (0, count)))
+    length = words.shape[1]
+    for k in range(1, count + 1):
+        words = words | padded[:, k : k + length] << (GROUP * k)
+    return words
+
+
+def ball_offsets(size: int) -> np.ndarray:
+    """Voxel offsets int32 (k, 3) within size / 2 of the centre: a ball treats all directions alike."""
+    half = size // 2
+    axis = np.arange(-half, half + 1)
+    offsets = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
+    return offsets[(offsets**2).sum(axis=1) <= (size / 2) ** 2].astype(np.int32)
+
+
+def window_sums(
+    packed: PackedStates, group: Int32[Array, "n"], shift: UInt32[Array, "n"], *, size: int
+) -> Int[Array, "14 n"]:
+    """Sums over the ball of diameter `size` around each voxel, offsets counted from the voxel.
+
+    Args:
+        packed: The states.
+        group: The word that the voxel's column of the window begins in.
+        shift: Where in that word it begins: bit 0 after the shift is the voxel `size // 2` below.
+        size: Diameter [voxel]; odd.
+
+    Returns:
+        Of the occupied voxels 1, x, y, z, xx, yy, zz, xy, xz, yz; of the free ones 1, x, y, z. int16 up to
+        diameter 7, int32 beyond.
+    """
+    half = size // 2
+    columns = _columns(size)
+    steps = packed.steps(jnp.asarray(columns[:, 0]), jnp.asarray(columns[:, 1]))
+    narrow = jnp.uint8 if size <= _SMALL else jnp.uint32
+    masks = jnp.asarray(columns[:, 2], jnp.uint32)[:, None]
+    occupied, free = (
+        (bits & masks).astype(narrow) for bits in packed.look(steps[:, None] + group[None, :], shift[None, :])
+    )
+    axis = np.arange(-half, half + 1)
+    one, z, zz = (_digits(weights) for weights in (np.ones_like(axis), axis, axis**2))
+    terms = (
+        (one, 0, 0), (one, 1, 0), (one, 0, 1), (z, 0, 0), (one, 2, 0), (one, 0, 2), (zz, 0, 0),
+        (one, 1, 1), (z, 1, 0), (z, 0, 1),
+    )  # fmt: skip
+    rows = [_weighted_sum(occupied, columns, *term) for term in terms]
+    rows += [_weighted_sum(free, columns, *term) for term in terms[:4]]
+    return jnp.stack(rows)
+
+
+def _columns(size: int) -> np.ndarray:
+    """Columns of the ball: x, y, and the bits along z that belong to it; int32 (k, 3), in the order of x."""
+    bits: dict[tuple[int, int], int] = {}
+    for x, y, z in ball_offsets(size).tolist():
+        bits[x, y] = bits.get((x, y), 0) | 1 << (z + size // 2)
+    return np.asarray([(x, y, mask) for (x, y), mask in bits.items()], np.int32)
+
+
+class _Digits(NamedTuple):
+    """A sum of whole weights over the bits of a word, as counts of bits: one mask a binary digit of the weights.
+
+    Attributes:
+        masks: Of each digit: the bits counted, those of them counted when zero, and the digit's value.
+        excess: What the counts exceed the sum by: a bit of weight -1 is counted when zero, which is one too many.
+    """
+
+    masks: tuple[tuple[int, int, int], ...]
+    excess: int
+
+
+def _digits(weights: np.ndarray) -> _Digits:
+    masks, excess = [], 0
+    for digit in range(int(np.abs(weights).max()).bit_length()):
+        has_digit = (np.abs(weights) >> digit) & 1 == 1
+        counted, flipped = (
+            sum(1 << int(k) for k in np.flatnonzero(where))
+            for where in (has_digit, has_digit & (weights < 0))
+        )
+        masks.append((counted, flipped, 1 << digit))
+        excess += flipped.bit_count() << digit
+    return _Digits(tuple(mask for mask in masks if mask[0]), excess)
+
+
+def _weighted_sum(bits: Array, columns: np.ndarray, digits: _Digits, power_x: int, power_y: int) -> Array:
+    """Sum of x**power_x * y**power_y * (sum along z) over the columns.
+
+    Planes of equal x are summed first, in 8 bits where they fit: four times as many at once as in 32.
+    """
+    is_signed = digits.excess > 0 or power_y == 1
+    small = bits.dtype == jnp.uint8
+    narrow, wide = (
+        (np.dtype(np.int8 if is_signed else np.uint8), np.dtype(np.int16))
+        if small
+        else (np.dtype(np.int32),) * 2
+    )
+    planes: dict[tuple[int, int], Array] = {}
+    for k, (x, y, _) in enumerate(columns.tolist()):
+        weight_x, weight_y = x**power_x, y**power_y
+        if weight_x and weight_y and digits.masks:
+            part = _times(_sum_along_z(bits[k], digits, narrow), weight_y)
+            planes[weight_x, x] = planes[weight_x, x] + part if (weight_x, x) in planes else part
+    if not planes:
+        return jnp.zeros(bits.shape[1:], wide)
+    parts = [_times(plane.astype(wide), weight) for (weight, _), plane in planes.items()]
+    return functools.reduce(jnp.add, parts)
+
+
+def _sum_along_z(column: Array, digits: _Digits, dtype: np.dtype) -> Array:
+    parts = []
+    for counted, flipped, value in digits.masks:
+        bits = (column ^ np.array(flipped, column.dtype)) & np.array(counted, column.dtype)
+        parts.append(_times(jax.lax.population_count(bits).astype(dtype), value))
+    total = functools.reduce(jnp.add, parts)
+    return total - np.array(digits.excess, dtype) if digits.excess else total
+
+
+def _times(values: Array, weight: int) -> Array:
+    return values if weight == 1 else values * np.array(weight, values.dtype)
