@@ -6,13 +6,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy import ndimage
+from scipy.sparse import coo_array, csgraph
 from scipy.spatial import KDTree
 
 from bench.kernel_row import KernelRow, Target
 from bench.kernel_rows.scene import rooms
 from voxjax._buckets import bucket_size, pad_rows
 from voxjax._types import OCCUPIED
-from voxjax.ops.components import connected_components, grow_regions, label_voxels, padded_size
+from voxjax.ops.components import Regions, connected_components, grow_regions, label_voxels, padded_size
 from voxjax.ops.descriptor import point_feature_histograms, surface_normals
 from voxjax.ops.eigen import eigen_by_columns, symmetric_eigen
 from voxjax.ops.moments import surface_moments
@@ -132,25 +133,62 @@ def _components_row(occupied: np.ndarray, connectivity: int) -> KernelRow:
     )
 
 
-def _regions_row(states: np.ndarray) -> KernelRow:
+def _regions_row(states: np.ndarray, degrees: float = 10.0) -> KernelRow:
     index = np.argwhere(states == OCCUPIED).astype(np.int32)
     size = bucket_size(len(index), 1 << 12)
     padded, mask = jnp.asarray(pad_rows(index, size)), jnp.asarray(np.arange(size) < len(index))
     normal = jnp.asarray(surface_moments(states, np.asarray(padded)).normal)
     dims, flat_size = jnp.asarray(states.shape, jnp.int32), padded_size(states.shape)
-    regions = grow_regions(padded, mask, normal, dims, np.cos(np.radians(10)), flat_size=flat_size)
+    least = np.float32(np.cos(np.radians(degrees)))
+
+    def ours() -> Regions:
+        return grow_regions(padded, mask, normal, dims, least, flat_size=flat_size)
+
+    host_normal = np.asarray(normal)[: len(index)]
+    regions = ours()
+    count, labels = _regions_by_scipy(states == OCCUPIED, index, host_normal, least)
+    assert int(regions.num_regions) == count, "number of regions differs from SciPy's"
+    # Both number regions by their first voxel, once SciPy's labels are renamed so.
+    _, first, of_row = np.unique(labels, return_index=True, return_inverse=True)
+    renamed = np.argsort(np.argsort(first))[of_row] + 1
+    assert (np.asarray(regions.label)[: len(index)] == renamed).all(), "regions differ from SciPy's"
     return KernelRow(
         f"regions by normals, {states.shape[0]}^3",
         "voxjax",
         {
-            "voxjax": lambda: grow_regions(
-                padded, mask, normal, dims, np.cos(np.radians(10)), flat_size=flat_size
-            )
+            "voxjax": ours,
+            "scipy connected_components": lambda: _regions_by_scipy(
+                states == OCCUPIED, index, host_normal, least
+            ),
         },
         len(index),
         "voxel",
-        note=f"{int(regions.num_regions)} regions in {int(regions.num_rounds)} rounds at 10 degrees",
+        note=f"{count} regions in {int(regions.num_rounds)} rounds at {degrees:g} degrees; the same as SciPy's "
+        "components of the graph of touching voxels",
     )
+
+
+def _regions_by_scipy(
+    occupied: np.ndarray, index: np.ndarray, normal: np.ndarray, least: np.float32
+) -> tuple[int, np.ndarray]:
+    """Regions as components of the graph of touching voxels (26) whose normals' cosine is at least `least`."""
+    row_of = np.full(np.add(occupied.shape, 2), -1, np.int32)
+    row_of[1:-1, 1:-1, 1:-1][occupied] = np.arange(len(index), dtype=np.int32)
+    flat, strides = row_of.reshape(-1), np.asarray(row_of.strides) // row_of.itemsize
+    place = (index + 1) @ strides
+    x, y, z = normal.T
+    ends = []
+    for step in np.ndindex(3, 3, 3):
+        if step <= (1, 1, 1):  # each pair of neighbours once
+            continue
+        other = flat[place + (np.asarray(step) - 1) @ strides]
+        one = np.flatnonzero(other >= 0)
+        other = other[one]
+        is_alike = x[one] * x[other] + y[one] * y[other] + z[one] * z[other] >= least
+        ends.append(np.stack([one[is_alike], other[is_alike]]))
+    i, j = np.concatenate(ends, axis=1)
+    graph = coo_array((np.ones(len(i), bool), (i, j)), shape=(len(index), len(index)))
+    return csgraph.connected_components(graph, directed=False)
 
 
 def _descriptor_row(states: np.ndarray, radius: float = 5.0, capacity: int = 128) -> KernelRow:
