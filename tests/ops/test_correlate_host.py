@@ -41,7 +41,7 @@ def test_blocks_hold_what_is_needed_in_whole_peak_blocks(needed):
 @pytest.mark.parametrize("is_reversed", list(itertools.product([False, True], repeat=3)))
 def test_a_reversed_block_has_the_reversed_transform(is_reversed):
     block = np.random.default_rng(2).normal(size=CELLS).astype(np.float32)
-    axes = [axis for axis in range(3) if is_reversed[axis]]
+    axes = tuple(axis for axis in range(3) if is_reversed[axis])
     about_first = np.roll(np.flip(block, axes), 1, axes) if axes else block
     spectrum = host.reverse(np.fft.rfftn(block), np.asarray(is_reversed), cells=CELLS)
     np.testing.assert_allclose(spectrum, np.fft.rfftn(about_first), atol=1e-3)
