@@ -1,5 +1,6 @@
 """What the voxels of one map meet in the other one under a pose: hits, conflicts, or nothing known."""
 
+from collections.abc import Sequence
 from functools import partial
 
 import jax
@@ -50,14 +51,26 @@ def lookup(
     outside: np.generic,
 ) -> Array:
     """Value of a flat field at points [m]; `outside` beyond the block."""
+    cell, is_inside = _cells(dims, origin, voxel_size, [points[..., axis] for axis in range(3)])
+    return _values(field, cell, is_inside, outside)
+
+
+def _cells(dims: Array, origin: Array, voxel_size: Array, at: Sequence[Array]) -> tuple[Array, Array]:
+    """Cell of a flat field at x, y and z [m], 0 beyond the block; and whether it lies inside."""
     # Axis by axis: arrays whose last axis is 3 run ten times slower on a CPU.
-    x, y, z = (
-        jnp.floor((points[..., axis] - origin[axis]) / voxel_size).astype(jnp.int32) for axis in range(3)
-    )
+    x, y, z = (jnp.floor((at[axis] - origin[axis]) / voxel_size).astype(jnp.int32) for axis in range(3))
     is_inside = (x >= 0) & (x < dims[0]) & (y >= 0) & (y < dims[1]) & (z >= 0) & (z < dims[2])
-    flat = (x * dims[1] + y) * dims[2] + z
-    value = jnp.take(field, jnp.where(is_inside, flat, 0), mode="clip")
-    return jnp.where(is_inside, value, jnp.asarray(outside, field.dtype))
+    return jnp.where(is_inside, (x * dims[1] + y) * dims[2] + z, 0), is_inside
+
+
+def _values(field: Array, cell: Array, is_inside: Array, outside: np.generic) -> Array:
+    return jnp.where(is_inside, jnp.take(field, cell, mode="clip"), jnp.asarray(outside, field.dtype))
+
+
+def _turned(rotation: Array, columns: Array) -> list[Array]:
+    """Vectors as rows x, y and z, turned."""
+    x, y, z = columns
+    return [rotation[i, 0] * x + rotation[i, 1] * y + rotation[i, 2] * z for i in range(3)]
 
 
 @partial(jax.jit, static_argnames=("batch_size",))
@@ -99,20 +112,23 @@ def surface_evidence(
         Sums of the weights that hit, conflict, are undecided, and meet a surface facing the other way; and the
         information of the hits, the weighted sum of `n n^T` in the frame of the block.
     """
+    point_columns, normal_columns, surface_columns = points.T, normals.T, surface_normals.T
 
     def judge(T: Array) -> tuple[Array, Array]:
-        moved = points @ T[:3, :3].T + T[:3, 3][None, :]
-        code = lookup(codes, dims, origin, voxel_size, moved, NOTHING)
-        key = lookup(keys, dims, origin, voxel_size, moved, NOTHING_NEAR)
-        turned = normals @ T[:3, :3].T
-        met = surface_normals[split_keys(key)[0] % surface_normals.shape[0]]
-        cosine = jnp.sum(turned * met, axis=1, dtype=jnp.float32)
+        moved = [c + T[i, 3] for i, c in enumerate(_turned(T, point_columns))]
+        cell, is_inside = _cells(dims, origin, voxel_size, moved)
+        code = _values(codes, cell, is_inside, NOTHING)
+        row = split_keys(_values(keys, cell, is_inside, NOTHING_NEAR))[0] % surface_normals.shape[0]
+        met = [jnp.take(c, row, mode="clip") for c in surface_columns]
+        turned = _turned(T, normal_columns)
+        cosine = turned[0] * met[0] + turned[1] * met[1] + turned[2] * met[2]
         is_opposed = (code == HIT) & is_signed & (cosine < -0.3)
         is_hit = (code == HIT) & ~is_opposed
         kinds = [is_hit, code == CONFLICT, code == NEUTRAL, is_opposed]
         sums = jnp.stack([jnp.sum(jnp.where(k, weights, 0.0), dtype=jnp.float32) for k in kinds])
         gain = jnp.where(is_hit, weights * jnp.abs(cosine), 0.0)
-        return sums, (met * gain[:, None]).T @ met
+        products = [jnp.sum(gain * met[i] * met[j], dtype=jnp.float32) for i in range(3) for j in range(3)]
+        return sums, jnp.stack(products).reshape(3, 3)
 
     return jax.lax.map(judge, poses, batch_size=batch_size)
 
@@ -144,9 +160,11 @@ def score_poses(
     Returns:
         For each pose the sums of the weights that hit, conflict, and are known but undecided.
     """
+    columns = points.T
 
     def score(T: Array) -> Array:
-        code = lookup(codes, dims, origin, voxel_size, points @ T[:3, :3].T + T[:3, 3][None, :], NOTHING)
+        moved = [c + T[i, 3] for i, c in enumerate(_turned(T, columns))]
+        code = _values(codes, *_cells(dims, origin, voxel_size, moved), NOTHING)
         sums = [
             jnp.sum(jnp.where(code == c, weights, 0.0), dtype=jnp.float32) for c in (HIT, CONFLICT, NEUTRAL)
         ]

@@ -109,8 +109,9 @@ def judge_poses(
             weights = np.full(num_points, 1.0 / num_points, np.float32)
         codes = target.coarse_codes(target.coarse_factor) if is_coarse else target.codes
         shares, fixed = surface_evidence(
-            codes, target.keys, *target.block, target.sides, points, sides, weights, direction, is_signed
-        )
+            codes, target.keys, *target.block, target.sides, points, sides, weights, direction, is_signed,
+            batch_size=2 if num_points is None else 8,
+        )  # fmt: skip
         sums.append(np.asarray(shares, np.float64)[: len(poses)])
         information.append(np.asarray(fixed, np.float64)[: len(poses)])
     rotation = T[: len(poses), :3, :3].astype(np.float64)
