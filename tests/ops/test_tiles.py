@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import zarr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -115,7 +116,6 @@ def test_memory_mapped_files_are_read_and_written(tmp_path):
 
 
 def test_zarr_arrays_are_read_and_written():
-    zarr = pytest.importorskip("zarr", reason="zarr is not installed")
     occupied = _random((17, 16, 9)).astype(np.uint8)
     source = zarr.array(occupied, chunks=(8, 8, 8))
     target = zarr.zeros(occupied.shape, chunks=(8, 8, 8), dtype="uint16")
