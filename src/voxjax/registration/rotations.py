@@ -20,7 +20,7 @@ NUM_SAMPLES = 512
 MAX_VOTERS = 10_000
 """Normals that vote for directions, at most about twice so many."""
 
-FEWER = 4
+ROUGH_STRIDE = 4
 """One in so many of the normals sharpens the seeds, of which most lead to the same few rotations; all normals then
 sharpen those few and rank them."""
 
@@ -46,7 +46,7 @@ def dominant_directions(
     total = float(weights.sum(dtype=np.float64))
     is_free = np.ones(len(normals), dtype=bool)
     seeds = normals[:: max(len(normals) // 400, 1)]
-    # As numbers: a product with truth values takes ten times as long.
+    # As numbers: NumPy multiplies truth values element by element.
     near = (np.abs(seeds @ normals.T) > np.cos(np.radians(8.0))).astype(np.float32)
     directions, shares = [], []
     for _ in range(max_directions):
@@ -197,7 +197,7 @@ def rotation_hypotheses(
     seeds = seeds[
         distinct_rotations(seeds, -np.arange(len(seeds), dtype=np.float64), angle=4.0, max_count=1000)
     ]
-    rough, agreement = _sharpen(samples_a[::FEWER], samples_b[::FEWER], seeds, is_signed, 6)
+    rough, agreement = _sharpen(samples_a[::ROUGH_STRIDE], samples_b[::ROUGH_STRIDE], seeds, is_signed, 6)
     rough = rough[distinct_rotations(rough, agreement, angle=2.0, max_count=2 * max_rotations)]
     sharp, agreement = _sharpen(samples_a, samples_b, rough, is_signed, 4)
     kept = distinct_rotations(sharp, agreement, angle=4.0, max_count=max_rotations)
