@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from oracles import surfaces
-from voxjax.ops.moments import ball_offsets, surface_moments
+from voxjax.ops.moments import surface_moments
+from voxjax.ops.window_bits import ball_offsets
 
 
 def _scene(seed=0):

@@ -17,7 +17,7 @@ SPREAD = 16
 """Bits in a word of `pack_spread`."""
 
 # Puts the lowest bits of four bytes next to each other into the top four bits; no two products meet, so no carries.
-_GATHER_BITS = np.uint32(0x10204080)
+GATHER_BITS = np.uint32(0x10204080)
 
 
 def pack_bits(bits: Bits) -> UInt32[Array, "m"]:
@@ -52,5 +52,5 @@ def pack_spread(bits: Bits, multiple: int = 1) -> UInt32[Array, "m"]:
         # A byte that is not 0 carries into its highest bit; compared one by one, bytes take three times as long.
         fours = (((fours & np.uint32(0x7F7F7F7F)) + np.uint32(0x7F7F7F7F)) | fours) >> np.uint32(7)
         fours = fours & np.uint32(0x01010101)
-    nibbles = ((fours * _GATHER_BITS) >> np.uint32(28)).astype(jnp.uint8)
+    nibbles = ((fours * GATHER_BITS) >> np.uint32(28)).astype(jnp.uint8)
     return jax.lax.bitcast_convert_type(nibbles.reshape(-1, 4), jnp.uint32)

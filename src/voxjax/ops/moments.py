@@ -16,9 +16,7 @@ from .._buckets import bucket_size
 from .._checks import check_odd_window
 from .._types import Array
 from .eigen import symmetric_eigen
-from .window_bits import GROUP, PackedStates, ball_offsets, pack_states, window_sums
-
-__all__ = ["SurfaceMoments", "ball_offsets", "surface_moments"]
+from .window_bits import GROUP, PackedStates, pack_states, window_sums
 
 _PIECE = 2048
 _PIECES = 4

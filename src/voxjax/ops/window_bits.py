@@ -14,6 +14,7 @@ from jaxtyping import Int, Int32, UInt8, UInt32
 
 from .._checks import InputError
 from .._types import FREE, OCCUPIED, Array
+from .bits import GATHER_BITS
 
 GROUP = 8
 """Voxels along z that share a word; the depth of a padded block is a multiple of it."""
@@ -63,11 +64,13 @@ def pack_states(flat: UInt8[Array, "flat"], dims: Int32[Array, "3"], *, margin: 
         InputError: If the margin is above 12.
     """
     if margin > MAX_MARGIN:
-        raise InputError(f"size must be {2 * MAX_MARGIN + 1} or less and reach {MAX_MARGIN} or less.")
+        raise InputError(
+            f"size must be at most {2 * MAX_MARGIN + 1} voxels and reach at most {MAX_MARGIN}, got a window that "
+            f"reaches {margin} voxels; take a smaller window or a coarser grid."
+        )
     quads = jax.lax.bitcast_convert_type(flat.reshape(-1, 4), jnp.uint32)
-    # The product brings one bit of each of four bytes side by side to the top.
     halves = [
-        (((quads >> np.uint32(state >> 1)) & np.uint32(0x01010101)) * np.uint32(0x10204080)) >> np.uint32(28)
+        (((quads >> np.uint32(state >> 1)) & np.uint32(0x01010101)) * GATHER_BITS) >> np.uint32(28)
         for state in (OCCUPIED, FREE)
     ]
     nibbles = (halves[0] | halves[1] << 4).astype(jnp.uint8)
