@@ -49,5 +49,5 @@ def test_sums_equal_those_over_the_voxels_of_the_ball(size, margin, density):
 
 
 def test_windows_that_no_word_holds_are_refused():
-    with pytest.raises(InputError, match="at most 25 voxels.*reaches 13 voxels"):
+    with pytest.raises(InputError, match=r"at most 25 voxels.*reaches 13 voxels"):
         surface_moments(np.zeros((3, 3, 3), np.uint8), np.zeros((1, 3), np.int32), size=27)
