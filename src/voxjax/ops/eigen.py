@@ -174,35 +174,29 @@ def _decompose_jvp(
 
 @partial(jax.jit, inline=True)
 def _closed_form(entries: Array) -> tuple[Array, Array]:
-    """Values (3, n) and vectors (3, 3, n).
-
-    The barriers keep each step one vector loop over the columns: without them the steps are computed anew for each
-    of the twelve results.
-    """
+    """Values (3, n) and vectors (3, 3, n)."""
     dtype = entries.dtype
-    barrier = jax.lax.optimization_barrier
     scale = jnp.max(jnp.abs(entries), axis=0)
     scale_safe = jnp.where(scale > 0, scale, 1)
-    xx, yy, zz, xy, xz, yz = barrier(tuple(entries[k] / scale_safe for k in range(6)))
+    xx, yy, zz, xy, xz, yz = (entries[k] / scale_safe for k in range(6))
     mean = (xx + yy + zz) / 3
     xx, yy, zz = xx - mean, yy - mean, zz - mean
     spread = jnp.sqrt((xx * xx + yy * yy + zz * zz + 2 * (xy * xy + xz * xz + yz * yz)) / 6)
     # Below this the rest is rounding: the matrix is a multiple of the identity.
     is_round = spread <= 4 * jnp.finfo(dtype).eps
     part = jnp.where(is_round, 0, 1 / jnp.where(is_round, 1, spread))
-    xx, yy, zz, xy, xz, yz = barrier(tuple(part * entry for entry in (xx, yy, zz, xy, xz, yz)))
+    xx, yy, zz, xy, xz, yz = (part * entry for entry in (xx, yy, zz, xy, xz, yz))
     half_det = (xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)) / 2
     is_high = half_det >= 0
     lone = _two_cosines(jnp.sqrt((1 + jnp.clip(jnp.abs(half_det), 0, 1)) / 2))
-    lone = barrier(jnp.where(is_high, lone, -lone))
-    x, y, z = barrier(_null_column(xx - lone, yy - lone, zz - lone, xy, xz, yz))
+    lone = jnp.where(is_high, lone, -lone)
+    x, y, z = _null_column(xx - lone, yy - lone, zz - lone, xy, xz, yz)
     # Two vectors normal to it, without a branch (Duff et al., Building an orthonormal basis, revisited, 2017).
     sign = jnp.where(z >= 0, jnp.ones_like(z), -jnp.ones_like(z))
     a = -1 / (sign + z)
     b = x * y * a
     u = (1 + sign * x * x * a, sign * b, -sign * x)
     v = (b, sign + y * y * a, -y)
-    u, v = barrier((u, v))
 
     def form(p: tuple, q: tuple) -> Array:
         return (
@@ -211,7 +205,7 @@ def _closed_form(entries: Array) -> tuple[Array, Array]:
             + p[2] * (xz * q[0] + yz * q[1] + zz * q[2])
         )
 
-    uu, vv, uv = barrier((form(u, u), form(v, v), form(u, v)))
+    uu, vv, uv = form(u, u), form(v, v), form(u, v)
     middle, half = (uu + vv) / 2, (uu - vv) / 2
     radius = jnp.sqrt(half * half + uv * uv)
     is_turned = radius > jnp.finfo(dtype).tiny
@@ -222,7 +216,6 @@ def _closed_form(entries: Array) -> tuple[Array, Array]:
         jnp.where(half >= 0, cos, jnp.abs(sin)),
         jnp.where(half >= 0, sin, jnp.where(sin < 0, -cos, cos)),
     )
-    middle, radius, cos, sin = barrier((middle, radius, cos, sin))
     large = tuple(cos * p + sin * q for p, q in zip(u, v, strict=True))
     small = tuple(cos * q - sin * p for p, q in zip(u, v, strict=True))
     first = (x, y, z)
@@ -232,12 +225,10 @@ def _closed_form(entries: Array) -> tuple[Array, Array]:
         jnp.where(is_high, ends[1], ends[0]),
         jnp.where(is_high, lone, ends[1]),
     )
-    values = barrier(tuple((value * spread + mean) * scale for value in values))
-    vectors = barrier(
-        tuple(
-            tuple(jnp.where(is_high, p, q) for p, q in zip(one, other, strict=True))
-            for one, other in ((small, first), (large, small), (first, large))
-        )
+    values = tuple((value * spread + mean) * scale for value in values)
+    vectors = tuple(
+        tuple(jnp.where(is_high, p, q) for p, q in zip(one, other, strict=True))
+        for one, other in ((small, first), (large, small), (first, large))
     )
     return jnp.stack(values), jnp.stack([jnp.stack(vector) for vector in vectors])
 
