@@ -5,10 +5,13 @@ import pytest
 
 from small_worlds import OTHER_FURNITURE, OTHER_ROOMS, draw_map, pose
 from voxjax.metrics import pose_error
+from voxjax.ops.evidence import HIT
+from voxjax.ops.nearest import split_keys
 from voxjax.registration.corner_hypotheses import corner_frames, frame_poses, subgraph_poses
 from voxjax.registration.exhaustive import exhaustive_hypotheses, upright_frame
 from voxjax.registration.leaders import distinct_poses, find_leaders, inverse_poses, judge_poses, rank_poses
 from voxjax.registration.map_features import map_features
+from voxjax.registration.prepared import prepare_map
 from voxjax.registration.rotations import rotation_hypotheses
 
 T_MAP_WORLD = pose(yaw=33.0, tilt=12.0, translation=(3.0, -2.0, 1.0))
@@ -121,3 +124,16 @@ def test_distinct_poses_keep_the_best_of_each_neighbourhood():
     assert kept.tolist() == [1, 2, 3]
     few = distinct_poses(poses, np.zeros(4), np.zeros(3), metres=0.3, degrees=5.0, max_count=2)
     assert few.tolist() == [0, 2]
+
+
+@pytest.mark.parametrize(("voxel_size", "factor"), [(0.12, 3), (0.15, 2), (0.2, 2), (0.4, 2)])
+def test_unrefined_poses_are_compared_in_cells_of_about_0_3_m(voxel_size, factor):
+    prepared = prepare_map(draw_map(voxel_size=voxel_size))
+    assert prepared.coarse_factor == factor
+    # Looser than the evidence of refined poses, and no looser than three quarters of a cell.
+    hits, coarse_hits = (
+        np.asarray(codes) == HIT for codes in (prepared.codes, prepared.coarse_codes(factor))
+    )
+    assert (coarse_hits >= hits).all()
+    squared = np.asarray(split_keys(prepared.keys)[1])
+    assert squared[coarse_hits].max() <= (0.75 * factor) ** 2
