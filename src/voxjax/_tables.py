@@ -1,4 +1,4 @@
-"""Tables that kernels only look up: of few lengths, so that few kernels are compiled, and no larger than their contents.
+"""Tables that kernels only look up: of few lengths, so that few kernels are compiled; memory for what is in them.
 
 A compiled kernel belongs to the shapes of its arguments. On a CPU a table is reserved at one of few lengths, each eight
 times the one before, in memory that the operating system provides page by page as it is written; JAX takes such an
