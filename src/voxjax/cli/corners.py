@@ -7,15 +7,15 @@ import numpy as np
 from ..features.corners import Corners, detect_corners
 from ..io import read_map
 from .outputs import check_outputs, write_outputs
-from .runtime import use_compilation_cache
+from .runtime import kept_kernels
 
 HEADER = "x,y,z," + ",".join(f"n{row}{axis}" for row in (1, 2, 3) for axis in "xyz") + ",kind"
 
 
+@kept_kernels()
 def run(args: argparse.Namespace) -> int:
     """Detect the corners of a map, write them and return the exit code."""
     check_outputs([(args.output, (".csv",))], force=args.force)
-    use_compilation_cache()
     corners = detect_corners(
         read_map(args.map, voxel_size=args.voxel_size), virtual=args.virtual, preset=args.preset
     )

@@ -17,13 +17,14 @@ from ..synthetic import Team, simulate_team
 from ..view import draw_merge, encode_png
 from .merge import summary
 from .outputs import check_outputs, map_bytes, write_outputs
-from .runtime import Progress, use_compilation_cache
+from .runtime import Progress, kept_kernels
 
 MAX_DEGREES = 3.0
 MAX_METRES = 0.4
 """A pose within these is right: the generated maps drift by centimetres."""
 
 
+@kept_kernels()
 def run(args: argparse.Namespace) -> int:
     """Generate, merge, compare, draw; return the exit code."""
     start = time.perf_counter()
@@ -31,7 +32,6 @@ def run(args: argparse.Namespace) -> int:
     names = [f"robot_{n}.bt" for n in (1, 2, 3)]
     paths = {name: str(folder / name) for name in [*names, "fused.bt", "report.json", "picture.png"]}
     check_outputs([(path, (Path(path).suffix,)) for path in paths.values()], force=args.force)
-    use_compilation_cache()
     progress = Progress(quiet=args.quiet)
     progress("generate a building and scan it with three robots")
     team = simulate_team(args.seed, num_robots=3, overlap=0.2)

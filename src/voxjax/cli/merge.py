@@ -18,15 +18,15 @@ from ..pipeline.report import merge_report
 from ..view import check_page_support, draw_merge, encode_png, page_html
 from .guess import parse_guess
 from .outputs import MAP_ENDINGS, check_outputs, map_bytes, write_outputs
-from .runtime import Progress, use_compilation_cache
+from .runtime import Progress, kept_kernels
 
 
+@kept_kernels()
 def run(args: argparse.Namespace) -> int:
     """Merge maps as the arguments say and return the exit code."""
     _check(args)
     guess = None if args.init_guess is None else parse_guess(args.init_guess)
     config = Config() if args.config is None else read_config(args.config)
-    use_compilation_cache()
     progress = Progress(quiet=args.quiet)
     progress("read")
     grids = [read_map(path, voxel_size=args.voxel_size) for path in args.maps]

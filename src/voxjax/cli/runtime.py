@@ -2,24 +2,76 @@
 
 import io
 import os
+import re
 import sys
 import time
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from glob import escape
 from pathlib import Path
 from typing import TextIO
 
+from .._checks import InputError
+from .._compilation_cache import keep_quickly_compiled_kernels, use_compilation_cache
 
-def use_compilation_cache() -> None:
+_UNREADABLE = re.compile(r"Error reading persistent compilation cache entry for '([^']+)'")
+_UNWRITTEN = re.compile(r"Error writing persistent compilation cache entry for '[^']+': (.+)", re.DOTALL)
+
+
+@contextmanager
+def kept_kernels() -> Iterator[None]:
     """Let JAX keep compiled kernels between runs, unless the user has said where or forbidden it.
 
-    `VOXJAX_CACHE=off` switches it off; JAX's own `JAX_COMPILATION_CACHE_DIR` wins.
+    `VOXJAX_CACHE=off` switches it off; JAX's own `JAX_COMPILATION_CACHE_DIR` wins. A cache that cannot be used is no
+    reason not to run: a folder that cannot be written is named in one line, and kernels that cannot be read are
+    compiled again and their files removed, for JAX would keep them and compile again in every run.
     """
-    if os.environ.get("VOXJAX_CACHE") == "off" or os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+    if os.environ.get("VOXJAX_CACHE") == "off":
+        yield
         return
-    import jax
+    if os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+        keep_quickly_compiled_kernels()
+        yield
+        return
+    try:
+        folder = use_compilation_cache()
+    except InputError as error:
+        _say(f"{str(error).rsplit(';', 1)[0]}; set XDG_CACHE_HOME to another folder, or VOXJAX_CACHE=off.")
+        yield
+        return
+    with _mended(folder):
+        yield
 
-    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    jax.config.update("jax_compilation_cache_dir", str(base / "voxjax" / "xla"))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
+
+@contextmanager
+def _mended(folder: Path) -> Iterator[None]:
+    """Act on JAX's warnings of the cache instead of showing them; all others are shown."""
+    show, is_said = warnings.showwarning, False
+
+    def act(
+        message: Warning | str, category: type[Warning], filename: str, lineno: int, *rest: object
+    ) -> None:
+        nonlocal is_said
+        unreadable, unwritten = _UNREADABLE.match(str(message)), _UNWRITTEN.match(str(message))
+        if unreadable:
+            for entry in folder.glob(f"{escape(unreadable[1])}-*"):
+                entry.unlink(missing_ok=True)
+        elif unwritten:
+            if not is_said:
+                _say(f"compiled kernels cannot be kept in {folder}: {unwritten[1]}.")
+            is_said = True
+        else:
+            show(message, category, filename, lineno, *rest)  # pyright: ignore[reportArgumentType]
+
+    with warnings.catch_warnings():
+        warnings.filterwarnings("always", message="Error (reading|writing) persistent compilation cache")
+        warnings.showwarning = act
+        yield
+
+
+def _say(text: str) -> None:
+    print(f"voxjax: {' '.join(text.split())}", file=sys.stderr)
 
 
 class Progress:

@@ -1,0 +1,134 @@
+"""Compiled kernels kept between processes: where, what, and what happens when they cannot be."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from voxjax import InputError
+from voxjax._compilation_cache import default_cache_folder, use_compilation_cache
+
+COUNTED = """
+import jax, numpy as np
+events = []
+jax.monitoring.register_event_listener(lambda name, **_: events.append(name.rsplit("/", 1)[1]))
+"""
+KERNEL = """
+print(float(jax.jit(lambda x: (x * 3).sum())(np.ones(5, np.float32))))
+print(events.count("cache_hits"), events.count("cache_misses"))
+"""
+COMMAND = f"""
+{COUNTED}
+from voxjax.cli.runtime import kept_kernels
+def run():
+    {KERNEL.strip().replace(chr(10), chr(10) + "    ")}
+kept_kernels()(run)()
+"""
+
+
+def _run(code, folder, **variables):
+    """A process of its own, as a user has it: its output lines and what it said on stderr."""
+    environment = {
+        "PATH": os.environ["PATH"],
+        "XDG_CACHE_HOME": str(folder),
+        "JAX_PLATFORMS": "cpu",
+        **variables,
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+    )
+    return done.stdout.splitlines(), done.stderr
+
+
+def _entries(folder):
+    return sorted((folder / "voxjax" / "xla").glob("*-cache"))
+
+
+@pytest.mark.parametrize("choice", [{}, {"VOXJAX_CACHE": "off"}, {"JAX_COMPILATION_CACHE_DIR": "mine"}])
+def test_the_cache_goes_to_the_user_s_cache_folder_unless_told_otherwise(tmp_path, choice):
+    code = (
+        "import jax; from voxjax.cli.runtime import kept_kernels\n"
+        "with kept_kernels(): print(jax.config.jax_compilation_cache_dir)"
+    )
+    shown, _ = _run(code, tmp_path, **choice)
+    expected = {"VOXJAX_CACHE": "None", "JAX_COMPILATION_CACHE_DIR": "mine"}
+    assert shown == [next((expected[name] for name in choice), str(tmp_path / "voxjax" / "xla"))]
+
+
+def test_the_second_process_compiles_nothing_however_fast_it_was_compiled(tmp_path):
+    assert _run(COMMAND, tmp_path) == (["15.0", "0 1"], "")
+    assert _run(COMMAND, tmp_path) == (["15.0", "1 0"], "")
+
+
+def test_thresholds_of_the_environment_win(tmp_path):
+    variables = {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "1000"}
+    assert _run(COMMAND, tmp_path, **variables) == (["15.0", "0 0"], "")
+    assert _entries(tmp_path) == []
+
+
+def test_a_cache_that_the_user_named_is_filled_too(tmp_path):
+    mine = tmp_path / "mine"
+    assert _run(COMMAND, tmp_path, JAX_COMPILATION_CACHE_DIR=str(mine)) == (["15.0", "0 1"], "")
+    assert list(mine.glob("*-cache"))
+
+
+@pytest.mark.parametrize(
+    "damage", [lambda data: b"not a kernel", lambda data: data[: len(data) // 2], lambda data: b""]
+)
+def test_a_damaged_kernel_is_compiled_again_and_replaced(tmp_path, damage):
+    _run(COMMAND, tmp_path)
+    (entry,) = _entries(tmp_path)
+    entry.write_bytes(damage(entry.read_bytes()))
+    assert _run(COMMAND, tmp_path) == (["15.0", "0 1"], "")
+    assert _run(COMMAND, tmp_path) == (["15.0", "1 0"], "")
+
+
+def test_without_a_folder_the_command_runs_and_says_so_in_one_line(tmp_path):
+    file = tmp_path / "file"
+    file.write_text("")
+    shown, said = _run(COMMAND, file)
+    assert shown == ["15.0", "0 0"]
+    (line,) = said.splitlines()
+    assert line.startswith("voxjax: compiled kernels cannot be kept in ")
+    assert "XDG_CACHE_HOME" in line
+
+
+def test_a_folder_that_vanishes_is_said_once_and_the_command_runs(tmp_path):
+    code = f"""
+{COUNTED}
+from voxjax.cli.runtime import kept_kernels
+import shutil
+with kept_kernels():
+    float(jax.jit(lambda x: x + 1)(1))
+    shutil.rmtree({str(tmp_path / "voxjax")!r})
+    print([float(jax.jit(lambda x: x + n)(1)) for n in (2, 3)])
+"""
+    shown, said = _run(code, tmp_path)
+    assert shown == ["[3.0, 4.0]"]
+    (line,) = said.splitlines()
+    assert "cannot be kept" in line
+
+
+def test_other_warnings_are_still_shown(tmp_path):
+    code = "import warnings; from voxjax.cli.runtime import kept_kernels\nwith kept_kernels(): warnings.warn('look')"
+    assert "UserWarning: look" in _run(code, tmp_path)[1]
+
+
+def test_the_library_keeps_nothing_unless_asked(tmp_path):
+    body = f"import voxjax.ops\n{KERNEL}"
+    assert _run(f"{COUNTED}{body}", tmp_path)[0] == ["15.0", "0 0"]
+    asked = f"{COUNTED}from voxjax._compilation_cache import use_compilation_cache as use\nuse()\n{body}"
+    assert _run(asked, tmp_path)[0] == ["15.0", "0 1"]
+    assert _run(asked, tmp_path)[0] == ["15.0", "1 0"]
+
+
+def test_a_folder_that_cannot_be_is_refused(tmp_path, monkeypatch):
+    file = tmp_path / "file"
+    file.write_text("")
+    with pytest.raises(InputError, match="Not a directory"):
+        use_compilation_cache(file / "folder")
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setattr("pathlib.Path.home", lambda: (_ for _ in ()).throw(RuntimeError("no home")))
+    with pytest.raises(InputError, match="no home"):
+        default_cache_folder()
