@@ -28,7 +28,6 @@ from bench.timing import setting
 from voxjax.metrics import pose_error
 from voxjax.pipeline.config import Config
 from voxjax.pipeline.pair import prepare, register_prepared, working_voxel_size
-from voxjax.registration.map_features import share_sizes
 
 DEGREES, METRES = 3.0, 0.4
 
@@ -81,11 +80,11 @@ class Runner:
                     (grid,), _ = self.load(seed, "build")
                     self.single[seed] = grid, prepare(grid, voxel_size=grid.voxel_size)
             (_, fa), (b, fb) = (self.single[seed] for seed in seeds)
-            return judge(register_prepared(*share_sizes([fa, fb])), None, b)
+            return judge(register_prepared(fa, fb), None, b)
         (a, b), truth = self.load(seeds[0], kind)
         size = working_voxel_size([a, b], Config())
         fa, fb = prepare(a, voxel_size=size), prepare(b, voxel_size=size)
-        return judge(register_prepared(*share_sizes([fa, fb])), truth, b)
+        return judge(register_prepared(fa, fb), truth, b)
 
 
 def _parse(argv: list[str]) -> argparse.Namespace:

@@ -85,5 +85,4 @@ class FakeRegister:
         monkeypatch.setattr(many, "register", self)
         monkeypatch.setattr(many, "register_prepared", self)
         monkeypatch.setattr(many, "prepare", fake_features)
-        monkeypatch.setattr(many, "share_sizes", list)
         return self

@@ -75,7 +75,6 @@ def _score_row(codes: jnp.ndarray, dims: np.ndarray, points: np.ndarray, poses: 
     ours = np.asarray(score_poses(codes, *block, *arrays))
     difference = np.abs(ours - _score_by_numpy(host, dims, points, weights, poses)).sum() / ours.sum()
     assert difference < 1e-3, "scores differ from NumPy's"
-    compiled = score_poses.lower(codes, *block, *arrays).compile().memory_analysis()
     return KernelRow(
         f"score poses, {len(poses)} x {len(points)}",
         "voxjax",
@@ -86,7 +85,6 @@ def _score_row(codes: jnp.ndarray, dims: np.ndarray, points: np.ndarray, poses: 
         len(poses) * len(points),
         "lookup",
         targets=(Target("NumPy", 20.0),),
-        temporary_bytes=None if compiled is None else compiled.temp_size_in_bytes,
         note=f"relative difference {difference:.1e}, points on borders of voxels",
     )
 
@@ -127,7 +125,7 @@ def _surface_row(
     weights = np.ones(len(points), np.float32)
     arrays = [jnp.asarray(a) for a in (surface_normals, points, normals, weights, poses)]
     host = (np.asarray(codes), tuple(np.asarray(k) for k in split_keys(keys)))
-    ours = np.asarray(surface_evidence(codes, keys, *block, *arrays, True)[0])
+    ours = np.asarray(surface_evidence(codes, keys, *block, *arrays, is_signed=True)[0])
     theirs = _surface_by_numpy(*host, dims, surface_normals, points, normals, poses)  # pyright: ignore[reportArgumentType]
     difference = np.abs(ours - theirs).sum() / ours.sum()
     assert difference < 1e-3, "evidence differs from NumPy's"
@@ -135,7 +133,7 @@ def _surface_row(
         f"surface evidence, {len(poses)} x {len(points)}",
         "voxjax",
         {
-            "voxjax": lambda: surface_evidence(codes, keys, *block, *arrays, True),
+            "voxjax": lambda: surface_evidence(codes, keys, *block, *arrays, is_signed=True),
             "NumPy": lambda: _surface_by_numpy(*host, dims, surface_normals, points, normals, poses),  # pyright: ignore[reportArgumentType]
         },
         len(poses) * len(points),

@@ -132,7 +132,7 @@ def test_options_reach_every_pair_and_stages_are_named(monkeypatch, maps, preset
     merge(maps[:3], preset=preset, gravity_aligned=True, config=settings, on_stage=stages.append)
     assert all(call["gravity_aligned"] and not call["config"].source.descriptors for call in fake.calls)
     assert all(call.get("preset", "default") == preset for call in fake.calls)
-    features = [f"features of map {n}" for n in range(3)] if preset == "default" else []
+    features = ["features of 3 maps"] if preset == "default" else []
     pairs = [f"maps {a} and {b}: hypotheses" for a, b in ((0, 1), (0, 2), (1, 2))]
     assert stages == [*features, *pairs, "fuse"]
 

@@ -1,34 +1,29 @@
 """Point-to-plane alignment of many poses at once against the nearest-voxel field of a map."""
 
 from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Float32, Int32, UInt32
 
 from .. import rigid
+from .._threads import num_cores
 from .._types import Array
-from .evidence import lookup
+from .lookup import Block, entries, turn_columns, values_at
 from .nearest import NOTHING_NEAR, split_keys
+from .pieces import over_poses, runs_in_pieces
 
 DAMPING = 1e-4
 """Share of the mean diagonal added to the normal equations: directions that no surface fixes do not move."""
 
 
-def point_to_plane_system(
-    residual: Float32[Array, "n"], jacobian: Float32[Array, "n 6"], weight: Float32[Array, "n"]
-) -> tuple[Float32[Array, "6 6"], Float32[Array, "6"]]:
-    """Normal equations of weighted rows."""
-    weighted = jacobian * weight[:, None]
-    return weighted.T @ jacobian, weighted.T @ residual
-
-
-@partial(jax.jit, static_argnames=("num_steps", "batch_size"))
 def align_poses(
     keys: UInt32[Array, "flat"],
     dims: Int32[Array, "3"],
     origin: Float32[Array, "3"],
-    voxel_size: Float32[Array, ""],
+    voxel_size: Float32[Array, ""] | np.floating | float,
     surface: Float32[Array, "m 3"],
     normals: Float32[Array, "m 3"],
     points: Float32[Array, "n 3"],
@@ -36,8 +31,8 @@ def align_poses(
     poses: Float32[Array, "k 4 4"],
     *,
     num_steps: int = 20,
-    start_distance: Float32[Array, ""] | float = 5.0,
-    final_distance: Float32[Array, ""] | float = 1.5,
+    start_distance: Float32[Array, ""] | np.floating | float = 5.0,
+    final_distance: Float32[Array, ""] | np.floating | float = 1.5,
     batch_size: int = 4,
 ) -> Float32[Array, "k 4 4"]:
     """Refine poses of points onto a voxel surface by iterated re-weighted point-to-plane steps.
@@ -58,42 +53,113 @@ def align_poses(
         num_steps: Fixed number of steps.
         start_distance: Robust scale at the start [voxel].
         final_distance: Robust scale at the end [voxel].
-        batch_size: Poses handled together.
+        batch_size: Poses handled together where all is one kernel: under a transformation, and not on a CPU.
 
     Returns:
         Refined poses, same order.
     """
-    total = jnp.maximum(jnp.sum(weights, dtype=jnp.float32), 1e-12)
-    centre = jnp.sum(points * weights[:, None], axis=0, dtype=jnp.float32) / total
-    centred = points - centre[None, :]
-    num_shrinking = max(2 * num_steps // 3, 1)
-    ratio = jnp.asarray(final_distance, jnp.float32) / jnp.asarray(start_distance, jnp.float32)
+    block = Block(jnp.asarray(dims), jnp.asarray(origin), jnp.asarray(voxel_size, jnp.float32))
+    robust = jnp.asarray(start_distance, jnp.float32), jnp.asarray(final_distance, jnp.float32)
+    target = _Target(keys, block, surface, normals)
+    if not runs_in_pieces(target, points, weights, poses, robust):
+        return _align_at_once(target, points, weights, poses, *robust, num_steps, batch_size)
+    if len(poses) == 0:
+        return jnp.zeros((0, 4, 4), jnp.float32)
+    held = jax.device_put((target, points, weights, *robust))
+    aligned = over_poses(
+        lambda some, count: _align_piece(*held, some, count, num_steps),
+        np.asarray(poses),
+        least_jobs=num_cores(),
+    )
+    return jnp.asarray(aligned)
 
-    def step(T: Array, i: Array) -> tuple[Array, None]:
-        progress = jnp.minimum(i.astype(jnp.float32) / num_shrinking, 1.0)
-        scale = voxel_size * jnp.asarray(start_distance, jnp.float32) * ratio**progress
-        arm = centred @ T[:3, :3].T
-        moved = arm + (T[:3, :3] @ centre + T[:3, 3])[None, :]
-        key = lookup(keys, dims, origin, voxel_size, moved, NOTHING_NEAR)
-        row = split_keys(key)[0] % surface.shape[0]
-        gap = moved - surface[row]
-        normal = normals[row]
-        residual = jnp.sum(gap * normal, axis=1, dtype=jnp.float32)
-        distance_sq = jnp.sum(gap * gap, axis=1, dtype=jnp.float32)
+
+class _Target(NamedTuple):
+    """The surface that points are brought onto."""
+
+    keys: UInt32[Array, "flat"]
+    block: Block
+    surface: Float32[Array, "m 3"]
+    normals: Float32[Array, "m 3"]
+
+
+@partial(jax.jit, static_argnames=("num_steps", "batch_size"))
+def _align_at_once(
+    target: _Target, points: Array, weights: Array, poses: Array, start: Array, final: Array, num_steps: int,
+    batch_size: int,
+) -> Array:  # fmt: skip
+    align = partial(_align, _Alignment.of(target, points, weights, start, final), num_steps=num_steps)
+    return jax.lax.map(align, poses, batch_size=batch_size)
+
+
+@partial(jax.jit, static_argnames="num_steps")
+def _align_piece(
+    target: _Target, points: Array, weights: Array, start: Array, final: Array, poses: Array, count: Array,
+    num_steps: int,
+) -> Array:  # fmt: skip
+    """The first `count` poses aligned, the others as they are."""
+    alignment = _Alignment.of(target, points, weights, start, final)
+
+    def one(i: jax.Array, aligned: jax.Array) -> jax.Array:
+        return aligned.at[i].set(_align(alignment, poses[i], num_steps=num_steps))
+
+    return jax.lax.fori_loop(0, count, one, poses)
+
+
+class _Alignment(NamedTuple):
+    """What all steps of all poses share: the surface, and the points by columns, also about their centre."""
+
+    target: _Target
+    columns: Array
+    weights: Array
+    centre: Array
+    centred: Array
+    start_distance: Array
+    final_distance: Array
+
+    @classmethod
+    def of(cls, target: _Target, points: Array, weights: Array, start: Array, final: Array) -> "_Alignment":
+        total = jnp.maximum(jnp.sum(weights, dtype=jnp.float32), 1e-12)
+        centre = jnp.sum(points * weights[:, None], axis=0, dtype=jnp.float32) / total
+        return cls(target, points.T, weights, centre, (points - centre[None, :]).T, start, final)
+
+    def step(self, T: Array, progress: Array) -> Array:
+        """One re-weighted Gauss-Newton step; `progress` from 0 to 1 shrinks the robust scale."""
+        target, centre, weights = self.target, self.centre, self.weights
+        scale = (
+            target.block.voxel_size
+            * self.start_distance
+            * (self.final_distance / self.start_distance) ** progress
+        )
+        cell, is_inside = target.block.cells_under(T, self.columns)
+        key = values_at(target.keys, cell, is_inside, NOTHING_NEAR)
+        row = jnp.where(key == NOTHING_NEAR, 0, split_keys(key)[0])
+        arm = turn_columns(T, self.centred)
+        image = T[:3, :3] @ centre + T[:3, 3]
+        gap = [arm[k] + (image[k] - entries(target.surface[:, k], row)) for k in range(3)]
+        normal = [entries(target.normals[:, k], row) for k in range(3)]
+        residual = gap[0] * normal[0] + gap[1] * normal[1] + gap[2] * normal[2]
+        distance_sq = gap[0] * gap[0] + gap[1] * gap[1] + gap[2] * gap[2]
         robust = 1.0 / (1.0 + distance_sq / (scale * scale)) ** 2
         weight = jnp.where(key == NOTHING_NEAR, 0.0, weights * robust)
-        jacobian = jnp.concatenate([normal, jnp.cross(arm, normal)], axis=1)
-        hessian, gradient = point_to_plane_system(residual, jacobian, weight)
+        turn = [arm[k - 2] * normal[k - 1] - arm[k - 1] * normal[k - 2] for k in range(3)]
+        jacobian = jnp.stack([*normal, *turn, residual])
+        system = (jacobian * weight[None, :]) @ jacobian.T
+        hessian, gradient = system[:6, :6], system[:6, 6]
         damping = DAMPING * jnp.trace(hessian) / 6.0 + 1e-12
         delta = -jnp.linalg.solve(hessian + damping * jnp.eye(6, dtype=jnp.float32), gradient)
         delta = jnp.clip(delta, -0.5, 0.5)
         rotation = rigid.exp_so3(delta[3:]) @ T[:3, :3]
-        target = T[:3, :3] @ centre + T[:3, 3] + delta[:3]
-        return rigid.from_rotation_translation(rotation, target - rotation @ centre), None
+        moved = image + delta[:3]
+        return rigid.from_rotation_translation(rotation, moved - rotation @ centre)
 
-    def refine(T: Array) -> Array:
-        T = jax.lax.scan(step, T, jnp.arange(num_steps, dtype=jnp.int32))[0]
-        u, _, vt = jnp.linalg.svd(T[:3, :3])
-        return rigid.from_rotation_translation(u @ vt, T[:3, 3])
 
-    return jax.lax.map(refine, poses, batch_size=batch_size)
+def _align(alignment: _Alignment, T: Array, *, num_steps: int) -> Array:
+    num_shrinking = max(2 * num_steps // 3, 1)
+
+    def step(T: Array, i: Array) -> tuple[Array, None]:
+        return alignment.step(T, jnp.minimum(i.astype(jnp.float32) / num_shrinking, 1.0)), None
+
+    T = jax.lax.scan(step, T, jnp.arange(num_steps, dtype=jnp.int32))[0]
+    u, _, vt = jnp.linalg.svd(T[:3, :3])
+    return rigid.from_rotation_translation(u @ vt, T[:3, 3])

@@ -1,7 +1,7 @@
 """What the voxels of one map meet in the other one under a pose: hits, conflicts, or nothing known."""
 
-from collections.abc import Sequence
 from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +9,9 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int32, UInt8, UInt32
 
 from .._types import FREE, Array
-from .nearest import NOTHING_NEAR, split_keys
+from .lookup import Block, entries, turn_columns, values_at
+from .nearest import split_keys
+from .pieces import runs_in_pieces, sum_over_pieces
 
 NOTHING = np.uint8(0)
 HIT = np.uint8(1)
@@ -42,44 +44,86 @@ def evidence_codes(
     return jnp.where(squared <= hit_sq, HIT, code).astype(jnp.uint8)
 
 
-def lookup(
-    field: Array,
-    dims: Int32[Array, "3"],
-    origin: Float32[Array, "3"],
-    voxel_size: Float32[Array, ""],
-    points: Float32[Array, "*n 3"],
-    outside: np.generic,
-) -> Array:
-    """Value of a flat field at points [m]; `outside` beyond the block."""
-    cell, is_inside = _cells(dims, origin, voxel_size, [points[..., axis] for axis in range(3)])
-    return _values(field, cell, is_inside, outside)
+class SurfaceField(NamedTuple):
+    """What the voxels of the other map may meet.
+
+    Attributes:
+        codes: Of `evidence_codes`, flat over the block.
+        keys: Of `nearest_field`, same order.
+        block: Where they lie.
+        normals: Of the voxels that the keys point to.
+        is_signed: Whether the sign of the normals means something in both maps.
+    """
+
+    codes: UInt8[Array, "flat"]
+    keys: UInt32[Array, "flat"]
+    block: Block
+    normals: Float32[Array, "m 3"]
+    is_signed: Bool[Array, ""]
+
+    def sums(self, T: Array, points: Array, normals: Array, weights: Array) -> Float32[Array, "10"]:
+        """Hits, conflicts, undecided, opposed, and xx, xy, xz, yy, yz, zz of the information; columns in."""
+        cell, is_inside = self.block.cells_under(T, points)
+        code = values_at(self.codes, cell, is_inside, NOTHING)
+        # Only a hit has a nearest voxel for sure; the others all look at one row, which stays in the cache.
+        row = jnp.where(code == HIT, split_keys(entries(self.keys, cell))[0], 0)
+        met = [entries(column, row) for column in self.normals.T]
+        turned = turn_columns(T, normals)
+        cosine = turned[0] * met[0] + turned[1] * met[1] + turned[2] * met[2]
+        is_opposed = (code == HIT) & self.is_signed & (cosine < -0.3)
+        is_hit = (code == HIT) & ~is_opposed
+        gain = jnp.where(is_hit, weights * jnp.abs(cosine), 0.0)
+        parts = [jnp.where(k, weights, 0.0) for k in (is_hit, code == CONFLICT, code == NEUTRAL, is_opposed)]
+        parts += [gain * met[i] * met[j] for i in range(3) for j in range(i, 3)]
+        return jnp.stack([jnp.sum(part, dtype=jnp.float32) for part in parts])
 
 
-def _cells(dims: Array, origin: Array, voxel_size: Array, at: Sequence[Array]) -> tuple[Array, Array]:
-    """Cell of a flat field at x, y and z [m], 0 beyond the block; and whether it lies inside."""
-    # Axis by axis: arrays whose last axis is 3 run ten times slower on a CPU.
-    x, y, z = (jnp.floor((at[axis] - origin[axis]) / voxel_size).astype(jnp.int32) for axis in range(3))
-    is_inside = (x >= 0) & (x < dims[0]) & (y >= 0) & (y < dims[1]) & (z >= 0) & (z < dims[2])
-    return jnp.where(is_inside, (x * dims[1] + y) * dims[2] + z, 0), is_inside
+class CodeField(NamedTuple):
+    """Evidence codes and where they lie."""
+
+    codes: UInt8[Array, "flat"]
+    block: Block
+
+    def sums(self, T: Array, points: Array, weights: Array) -> Float32[Array, "3"]:
+        """Hits, conflicts and undecided; columns in."""
+        code = values_at(self.codes, *self.block.cells_under(T, points), NOTHING)
+        kinds = (HIT, CONFLICT, NEUTRAL)
+        return jnp.stack([jnp.sum(jnp.where(code == k, weights, 0.0), dtype=jnp.float32) for k in kinds])
 
 
-def _values(field: Array, cell: Array, is_inside: Array, outside: np.generic) -> Array:
-    return jnp.where(is_inside, jnp.take(field, cell, mode="clip"), jnp.asarray(outside, field.dtype))
+@jax.jit
+def _sums_of_piece(field: SurfaceField | CodeField, *piece: Array) -> Float32[Array, "p m"]:
+    """Sums under the first `count` of some poses; the rest is 0. `piece`: lists, poses, count."""
+    *lists, poses, count = piece
+    columns = [rows.T for rows in lists]
+    width = jax.eval_shape(field.sums, poses[0], *columns).shape[0]
 
+    def one(i: jax.Array, sums: jax.Array) -> jax.Array:
+        return sums.at[i].set(field.sums(poses[i], *columns))
 
-def _turned(rotation: Array, columns: Array) -> list[Array]:
-    """Vectors as rows x, y and z, turned."""
-    x, y, z = columns
-    return [rotation[i, 0] * x + rotation[i, 1] * y + rotation[i, 2] * z for i in range(3)]
+    return jax.lax.fori_loop(0, count, one, jnp.zeros((poses.shape[0], width), jnp.float32))
 
 
 @partial(jax.jit, static_argnames=("batch_size",))
+def _sums_at_once(field: SurfaceField | CodeField, lists: tuple, poses: Array, batch_size: int) -> Array:
+    columns = [rows.T for rows in lists]
+    return jax.lax.map(lambda T: field.sums(T, *columns), poses, batch_size=batch_size)
+
+
+def _sums(field: SurfaceField | CodeField, lists: tuple, poses: Array, batch_size: int) -> Array:
+    if not runs_in_pieces(field, lists, poses):
+        return _sums_at_once(field, lists, poses, batch_size)
+    held = jax.device_put(field)
+    found = sum_over_pieces(partial(_sums_of_piece, held), [np.asarray(a) for a in lists], np.asarray(poses))
+    return jnp.asarray(found, jnp.float32)
+
+
 def surface_evidence(
     codes: UInt8[Array, "flat"],
     keys: UInt32[Array, "flat"],
     dims: Int32[Array, "3"],
     origin: Float32[Array, "3"],
-    voxel_size: Float32[Array, ""],
+    voxel_size: Float32[Array, ""] | np.floating | float,
     surface_normals: Float32[Array, "m 3"],
     points: Float32[Array, "n 3"],
     normals: Float32[Array, "n 3"],
@@ -87,15 +131,18 @@ def surface_evidence(
     poses: Float32[Array, "k 4 4"],
     is_signed: Bool[Array, ""] | bool,
     *,
-    batch_size: int = 2,
+    batch_size: int = 8,
 ) -> tuple[Float32[Array, "k 4"], Float32[Array, "k 3 3"]]:
-    """Evidence of few poses in full: also which side of a surface is free, and what the hits fix.
+    """Evidence of poses in full: also which side of a surface is free, and what the hits fix.
 
     A hit on a surface whose free side faces the other way is no hit: a floor upon a ceiling, two sides of a wall.
     Normals of length 0 mean that the side or the direction is not known; they agree with everything.
 
+    On a CPU the points go through in pieces of few sizes (`ops.pieces`), so that lists of any length and any number of
+    poses compile nothing new; hand large fields over as device arrays or NumPy arrays, which are taken without a copy.
+
     Args:
-        codes: Of `evidence_codes`, flat over `dims`.
+        codes: Of `evidence_codes`, flat over `dims`; may be longer.
         keys: Of `nearest_field`, same order.
         dims: Size of the block [voxel].
         origin: Its outer corner [m].
@@ -106,68 +153,43 @@ def surface_evidence(
         weights: One a point; 0 for padding.
         poses: Each maps the points into the frame of the block.
         is_signed: Whether the sign of the normals means something in both maps.
-        batch_size: Poses handled together.
+        batch_size: Poses handled together where all is one kernel: under a transformation, and not on a CPU.
 
     Returns:
         Sums of the weights that hit, conflict, are undecided, and meet a surface facing the other way; and the
         information of the hits, the weighted sum of `n n^T` in the frame of the block.
     """
-    point_columns, normal_columns, surface_columns = points.T, normals.T, surface_normals.T
-
-    def judge(T: Array) -> tuple[Array, Array]:
-        moved = [c + T[i, 3] for i, c in enumerate(_turned(T, point_columns))]
-        cell, is_inside = _cells(dims, origin, voxel_size, moved)
-        code = _values(codes, cell, is_inside, NOTHING)
-        row = split_keys(_values(keys, cell, is_inside, NOTHING_NEAR))[0] % surface_normals.shape[0]
-        met = [jnp.take(c, row, mode="clip") for c in surface_columns]
-        turned = _turned(T, normal_columns)
-        cosine = turned[0] * met[0] + turned[1] * met[1] + turned[2] * met[2]
-        is_opposed = (code == HIT) & is_signed & (cosine < -0.3)
-        is_hit = (code == HIT) & ~is_opposed
-        kinds = [is_hit, code == CONFLICT, code == NEUTRAL, is_opposed]
-        sums = jnp.stack([jnp.sum(jnp.where(k, weights, 0.0), dtype=jnp.float32) for k in kinds])
-        gain = jnp.where(is_hit, weights * jnp.abs(cosine), 0.0)
-        products = [jnp.sum(gain * met[i] * met[j], dtype=jnp.float32) for i in range(3) for j in range(3)]
-        return sums, jnp.stack(products).reshape(3, 3)
-
-    return jax.lax.map(judge, poses, batch_size=batch_size)
+    block = Block(jnp.asarray(dims), jnp.asarray(origin), jnp.asarray(voxel_size, jnp.float32))
+    field = SurfaceField(codes, keys, block, surface_normals, jnp.asarray(is_signed, jnp.bool_))
+    sums = _sums(field, (points, normals, weights), poses, batch_size)
+    return sums[:, :4], sums[:, jnp.asarray([4, 5, 6, 5, 7, 8, 6, 8, 9])].reshape(-1, 3, 3)
 
 
-@partial(jax.jit, static_argnames=("batch_size",))
 def score_poses(
     codes: UInt8[Array, "flat"],
     dims: Int32[Array, "3"],
     origin: Float32[Array, "3"],
-    voxel_size: Float32[Array, ""],
+    voxel_size: Float32[Array, ""] | np.floating | float,
     points: Float32[Array, "n 3"],
     weights: Float32[Array, "n"],
     poses: Float32[Array, "k 4 4"],
     *,
     batch_size: int = 8,
 ) -> Float32[Array, "k 3"]:
-    """Weighted hits, conflicts and undecided of many poses; memory grows with `batch_size * n` only.
+    """Weighted hits, conflicts and undecided of many poses, as `surface_evidence` but without sides.
 
     Args:
-        codes: Of `evidence_codes`, flat in C order over `dims`.
+        codes: Of `evidence_codes`, flat in C order over `dims`; may be longer.
         dims: Size of the block [voxel].
         origin: Outer corner of the block [m].
         voxel_size: [m].
         points: Points of the other map in its own frame [m].
         weights: One a point; 0 for padding.
         poses: Each maps the points into the frame of the block.
-        batch_size: Poses handled together.
+        batch_size: Poses handled together where all is one kernel.
 
     Returns:
         For each pose the sums of the weights that hit, conflict, and are known but undecided.
     """
-    columns = points.T
-
-    def score(T: Array) -> Array:
-        moved = [c + T[i, 3] for i, c in enumerate(_turned(T, columns))]
-        code = _values(codes, *_cells(dims, origin, voxel_size, moved), NOTHING)
-        sums = [
-            jnp.sum(jnp.where(code == c, weights, 0.0), dtype=jnp.float32) for c in (HIT, CONFLICT, NEUTRAL)
-        ]
-        return jnp.stack(sums)
-
-    return jax.lax.map(score, poses, batch_size=batch_size)
+    block = Block(jnp.asarray(dims), jnp.asarray(origin), jnp.asarray(voxel_size, jnp.float32))
+    return _sums(CodeField(codes, block), (points, weights), poses, batch_size)

@@ -5,7 +5,7 @@ from typing import Any
 
 from .._checks import InputError
 from ..grid import VoxelGrid
-from ..registration.map_features import MapFeatures, share_sizes
+from ..registration.map_features import MapFeatures
 from ..registration.types import Registration
 from .config import Config, config_from
 from .pair import prepare, register, register_prepared, working_voxel_size
@@ -53,9 +53,9 @@ def register_batch(
             found = register(a, b, config=settings, gravity_aligned=gravity_aligned)
         else:
             size = working_voxel_size([a, b], settings)
-            # Padded pair by pair, as `register` does: another length of a sum would round otherwise.
-            features = share_sizes([features_of(a, size), features_of(b, size)])
-            found = register_prepared(*features, config=settings, gravity_aligned=gravity_aligned)
+            found = register_prepared(
+                features_of(a, size), features_of(b, size), config=settings, gravity_aligned=gravity_aligned
+            )
         results.append(found)
         if on_pair is not None:
             on_pair(number, found)

@@ -11,10 +11,11 @@ import equinox as eqx
 import numpy as np
 
 from .._checks import InputError
+from .._threads import spread
 from ..fusion.fuse import fuse
 from ..grid import VoxelGrid
 from ..metrics import pose_error
-from ..registration.map_features import LateFeatures, share_sizes
+from ..registration.map_features import LateFeatures
 from ..registration.types import Registration
 from .config import Config, config_from
 from .pair import prepare, register, register_prepared, working_voxel_size
@@ -222,13 +223,14 @@ def _features_of_all(grids: Sequence[VoxelGrid], settings: Config, announce: OnS
     if not filled:
         return [None] * len(grids)
     voxel_size = working_voxel_size(filled, settings)
-    found = []
-    for number, grid in enumerate(grids):
-        if grid.num_occupied:
-            announce(f"features of map {number}")
-            found.append(prepare(grid, voxel_size=voxel_size, infer_free_space=settings.map.infer_free_space))
-    shared = iter(share_sizes(found))
-    return [next(shared) if grid.num_occupied else None for grid in grids]
+    announce(f"features of {len(filled)} maps")
+
+    def features_of(grid: VoxelGrid) -> Any:
+        if grid.num_occupied == 0:
+            return None
+        return prepare(grid, voxel_size=voxel_size, infer_free_space=settings.map.infer_free_space)
+
+    return spread(features_of, grids)
 
 
 def _silent(stage: str) -> None:

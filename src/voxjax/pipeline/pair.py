@@ -10,10 +10,11 @@ import numpy as np
 from .._checks import InputError, check_choice, check_pose, check_positive
 from .._mappings import release_kernels_if_crowded
 from .._results import RESULTS
+from .._threads import spread
 from ..grid import VoxelGrid
 from ..registration.conflict_pieces import evidence
 from ..registration.leaders import Leaders
-from ..registration.map_features import FREE_SPACE, MapFeatures, map_features, share_sizes
+from ..registration.map_features import FREE_SPACE, MapFeatures, map_features
 from ..registration.paper import register_paper
 from ..registration.refine import refine
 from ..registration.types import Evidence, Hypothesis, Registration
@@ -82,12 +83,12 @@ def register(
     size = working_voxel_size([a, b], settings)
     seconds = {}
     start = time.perf_counter()
-    announce("features of a")
-    infer = settings.map.infer_free_space
-    features_a = prepare(a, voxel_size=size, infer_free_space=infer)
-    announce("features of b")
-    features_b = prepare(b, voxel_size=size, infer_free_space=infer)
-    features_a, features_b = share_sizes([features_a, features_b])
+    announce("features")
+
+    def features_of(grid: VoxelGrid) -> MapFeatures:
+        return prepare(grid, voxel_size=size, infer_free_space=settings.map.infer_free_space)
+
+    features_a, features_b = spread(features_of, (a, b))
     seconds["features"] = time.perf_counter() - start
     return register_prepared(
         features_a, features_b, config=settings, gravity_aligned=gravity_aligned, init_guess=init_guess,

@@ -6,7 +6,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from .._buckets import bucket_size, pad_rows
 from ..ops.align import align_poses
 from ..ops.evidence import score_poses, surface_evidence
 from .prepared import PreparedMap, sample_rows
@@ -56,17 +55,11 @@ def inverse_poses(poses: Float[np.ndarray, "k 4 4"]) -> Float[np.ndarray, "k 4 4
     return inverse
 
 
-def _padded(poses: np.ndarray, smallest: int) -> np.ndarray:
-    padded = pad_rows(poses.astype(np.float32), bucket_size(len(poses), smallest))
-    padded[len(poses) :] = np.eye(4, dtype=np.float32)
-    return padded
-
-
 def rank_poses(
     a: PreparedMap, b: PreparedMap, poses: Float[np.ndarray, "k 4 4"], *, num_points: int = 512
 ) -> Float[np.ndarray, "k"]:
     """Quick score of any number of unrefined poses: coarse tolerance, sampled voxels, sides ignored."""
-    T = _padded(poses, 32)
+    T = poses.astype(np.float32)
     total = np.zeros(len(poses), np.float32)
     weights = np.full(num_points, 1.0 / num_points, np.float32)
     for target, other, direction in ((a, b, T), (b, a, inverse_poses(T))):
@@ -74,9 +67,7 @@ def rank_poses(
         shares = score_poses(
             target.coarse_codes(target.coarse_factor), *target.block, points, weights, direction
         )
-        total += np.asarray(shares)[: len(poses)] @ np.asarray(
-            [1.0, -COARSE_CONFLICT_WEIGHT, 0.0], np.float32
-        )
+        total += np.asarray(shares) @ np.asarray([1.0, -COARSE_CONFLICT_WEIGHT, 0.0], np.float32)
     return total / 2
 
 
@@ -97,24 +88,25 @@ def judge_poses(
         num_points: Voxels of each map to look at; None for all of them.
         is_coarse: Judge at the tolerance of unrefined poses.
     """
-    T = _padded(poses, 8)
+    T = poses.astype(np.float32)
     is_signed = a.has_free_space and b.has_free_space
     sums, information = [], []
     for target, other, direction in ((a, b, T), (b, a, inverse_poses(T))):
-        points, sides, weights = other.points, other.sides, other.weights
+        # On the host: each new shape of a map would compile a lookup here.
+        points, sides, weights = (
+            np.asarray(a)[: other.num_points] for a in (other.points, other.sides, other.weights)
+        )
         if num_points is not None:
             rows = sample_rows(other, num_points)
-            # On the host: each new shape of a map would compile a lookup here.
-            points, sides = np.asarray(points)[rows], np.asarray(sides)[rows]
+            points, sides = points[rows], sides[rows]
             weights = np.full(num_points, 1.0 / num_points, np.float32)
         codes = target.coarse_codes(target.coarse_factor) if is_coarse else target.codes
         shares, fixed = surface_evidence(
             codes, target.keys, *target.block, target.sides, points, sides, weights, direction, is_signed,
-            batch_size=2 if num_points is None else 8,
         )  # fmt: skip
-        sums.append(np.asarray(shares, np.float64)[: len(poses)])
-        information.append(np.asarray(fixed, np.float64)[: len(poses)])
-    rotation = T[: len(poses), :3, :3].astype(np.float64)
+        sums.append(np.asarray(shares, np.float64))
+        information.append(np.asarray(fixed, np.float64))
+    rotation = T[:, :3, :3].astype(np.float64)
     information[1] = np.einsum("kij,kjl,kml->kim", rotation, information[1], rotation)
     mean = (sums[0] + sums[1]) / 2
     nobody_looked = np.zeros(len(poses))
@@ -168,10 +160,11 @@ def refine_poses(
     weights = np.full(num_points, 1.0 / num_points, np.float32)
     points = np.asarray(b.points)[rows]
     refined = align_poses(
-        a.keys, *a.block, a.points, a.normals, points, weights, _padded(poses, 8), num_steps=num_steps,
+        a.keys, *a.block, a.points, a.normals, points, weights, poses.astype(np.float32),
+        num_steps=num_steps,
         start_distance=jnp.float32(start_distance), final_distance=jnp.float32(final_distance),
     )  # fmt: skip
-    return np.asarray(refined)[: len(poses)]
+    return np.asarray(refined)
 
 
 class Leaders(NamedTuple):

@@ -1,7 +1,6 @@
 """`MapFeatures`: what the hypotheses of a map's pairs are made from; each part computed once, when first asked for."""
 
 import dataclasses
-from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +11,6 @@ from ..features.types import Corners
 from ..grid import VoxelGrid
 from ..matching.descriptors import MapDescriptors, describe_map
 from ..planes.extract import extract_planes
-from . import prepared as prepared_maps
 from .inferred_space import infer_free_space as infer_space
 from .prepared import PreparedMap, prepare_map
 from .rotations import dominant_directions, sample_normals
@@ -108,9 +106,3 @@ def _prepare(grid: VoxelGrid, *, infer_free_space: bool) -> tuple[PreparedMap, s
         if prepared.free_share >= MIN_INFERRED:
             return prepared, "inferred"
     return prepare_map(grid), "unknown"
-
-
-def share_sizes(features: Sequence[MapFeatures]) -> list[MapFeatures]:
-    """The same features with arrays of one size (`prepared.share_sizes`)."""
-    padded = prepared_maps.share_sizes([f.prepared for f in features])
-    return [dataclasses.replace(f, prepared=p) for f, p in zip(features, padded, strict=True)]

@@ -179,8 +179,9 @@ def _hypotheses(a: PreparedMap, b: PreparedMap, poses: np.ndarray) -> tuple[Hypo
 
 def _counts(target: PreparedMap, other: PreparedMap, poses: np.ndarray) -> np.ndarray:
     """Hits, conflicts and undecided voxels of `other` in `target` (n, 3)."""
-    ones = (np.arange(len(other.points)) < other.num_points).astype(np.float32)
-    return np.asarray(score_poses(target.codes, *target.block, other.points, ones, poses), np.float64)
+    points = np.asarray(other.points)[: other.num_points]
+    ones = np.ones(len(points), np.float32)
+    return np.asarray(score_poses(target.codes, *target.block, points, ones, poses), np.float64)
 
 
 def _rival(poses: np.ndarray, counts: np.ndarray, centroid: np.ndarray, distance: float) -> float:

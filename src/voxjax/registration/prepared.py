@@ -1,18 +1,18 @@
 """`PreparedMap`: everything about one map that registration needs, computed once and used for all its pairs."""
 
-from collections.abc import Sequence
-
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32, Int32, UInt8, UInt32
 
-from .._buckets import bucket_size, flat_block, pad_rows
+from .._tables import as_table, on_cpu, table_lengths
 from .._types import Array
 from ..grid import VoxelGrid
 from ..ops.evidence import evidence_codes
 from ..ops.moments import surface_moments
-from ..ops.nearest import NOTHING_NEAR, nearest_field
+from ..ops.nearest import nearest_field
+from ..ops.nearest_host import evidence_codes_host, nearest_field_host
 
 FIELD_RADIUS = 5
 """Reach of the nearest-voxel field [voxel]: what refinement can pull in."""
@@ -23,9 +23,6 @@ HIT_SQ, CLEAR_SQ = 2, 4
 COARSE_CELL = 0.3
 """Unrefined poses are off by about so much [m], whatever the voxel size: with cells of 0.6 m, large maps of 0.2 m
 voxels agree with each other everywhere, and the right pose drowned."""
-
-SMALLEST_LIST = 16_384
-"""Lists of voxels are padded to this at least: few rungs, so few shapes to compile."""
 
 MIN_NEIGHBOURS = 10
 """Fewer occupied voxels in the window than this (a line has 7) do not define a normal."""
@@ -39,7 +36,8 @@ class PreparedMap(eqx.Module):
 
     Attributes:
         grid: The map at the working voxel size, cut to what is known.
-        points: Occupied voxel centres [m], padded to a rung of the ladder.
+        points: Occupied voxel centres [m], followed by zeros, as all lists and flat fields: their lengths are few
+            (`_tables`), so that maps share compiled kernels.
         anchors: The same points moved onto the planes through their neighbourhoods [m], which takes out most of what
             the grid rounded; voxel centres where there is no plane.
         normals: Unit normals, toward free space where the map has any.
@@ -51,6 +49,7 @@ class PreparedMap(eqx.Module):
         free_share: Share of the occupied voxels with free space on one side of them.
         keys: Flat field of the nearest occupied voxel.
         codes: Flat evidence codes at the tolerance of the voxel size.
+        rough_codes: The same at the tolerance of cells `coarse_factor` voxels wide.
         states: Flat states.
         dims: Size of the block [voxel].
         centroid: Of the occupied voxels [m], float32 (3,).
@@ -67,6 +66,7 @@ class PreparedMap(eqx.Module):
     free_share: float
     keys: UInt32[Array, "flat"]
     codes: UInt8[Array, "flat"]
+    rough_codes: UInt8[Array, "flat"]
     states: UInt8[Array, "flat"]
     dims: Int32[Array, "3"]
     centroid: Float32[Array, "3"]
@@ -84,17 +84,31 @@ class PreparedMap(eqx.Module):
     @property
     def coarse_factor(self) -> int:
         """Width of a coarse cell [voxel], 2 or 3."""
-        return int(np.clip(np.ceil(COARSE_CELL / self.grid.voxel_size - 1e-3), 2, 3))
+        return _coarse_factor(self.grid.voxel_size)
 
     def coarse_codes(self, factor: int) -> UInt8[Array, "flat"]:
-        """Evidence codes at the tolerance of cells `factor` voxels wide.
+        """Evidence codes at the tolerance of cells `factor` voxels wide."""
+        if factor == self.coarse_factor:
+            return self.rough_codes
+        num_cells = int(np.prod(self.grid.states.shape))
+        return _codes(self.states, self.keys, num_cells, _coarse_bounds(factor))
 
-        A hit lies within three quarters of a cell of something occupied, clear space half a voxel farther.
-        """
-        reach = 0.75 * factor
-        return evidence_codes(
-            self.states, self.keys, int(reach**2), min(int((reach + 0.5) ** 2), FIELD_RADIUS**2)
-        )
+
+def _coarse_bounds(factor: int) -> tuple[int, int]:
+    """A hit lies within three quarters of a cell of something occupied, clear space half a voxel farther."""
+    reach = 0.75 * factor
+    return int(reach**2), min(int((reach + 0.5) ** 2), FIELD_RADIUS**2)
+
+
+def _codes(states: Array, keys: Array, num_cells: int, bounds: tuple[int, int]) -> UInt8[Array, "flat"]:
+    if not on_cpu():
+        return evidence_codes(states, keys, *bounds)
+    host = np.asarray(states)[:num_cells], np.asarray(keys)[:num_cells]
+    return jax.device_put(evidence_codes_host(*host, *bounds, length=len(keys)))
+
+
+def _coarse_factor(voxel_size: float) -> int:
+    return int(np.clip(np.ceil(COARSE_CELL / voxel_size - 1e-3), 2, 3))
 
 
 def prepare_map(grid: VoxelGrid) -> PreparedMap:
@@ -106,45 +120,41 @@ def prepare_map(grid: VoxelGrid) -> PreparedMap:
     grid = grid.crop_to_known()
     states = np.asarray(grid.states)
     index = grid.occupied_index()
-    count = len(index)
-    size = bucket_size(count, SMALLEST_LIST)
-    padded = pad_rows(index, size)
-    mask = np.arange(size) < count
-    dims = jnp.asarray(states.shape, jnp.int32)
-    flat = flat_block(states)
+    cells, rows = table_lengths(states.size, len(index))
+    flat = jax.device_put(as_table(np.ascontiguousarray(states).reshape(-1), cells))
+    if on_cpu():
+        keys = jax.device_put(nearest_field_host(index, states.shape, length=cells, radius=FIELD_RADIUS))
+    else:
+        mask, dims = np.arange(rows) < len(index), jnp.asarray(states.shape, jnp.int32)
+        keys = nearest_field(as_table(index, rows), mask, dims, flat_size=cells, radius=FIELD_RADIUS)
 
-    keys = nearest_field(padded, mask, dims, flat_size=len(flat), radius=FIELD_RADIUS)
-    moments = surface_moments(states, padded, size=7, reach=3)
-    normals = np.asarray(moments.normal)[:count]
-    planarity = _planarity(np.asarray(moments.curvature)[:count], np.asarray(moments.num_occupied)[:count])
+    moments = surface_moments(states, index, size=7, reach=3)
+    normals, curvature, offset = (np.asarray(a) for a in (moments.normal, moments.curvature, moments.offset))
+    planarity = _planarity(curvature, np.asarray(moments.num_occupied))
+    is_planar = planarity > MIN_PLANARITY
     points = grid.world_from_index(index)
-    offset = np.asarray(moments.offset)[:count] * (planarity > MIN_PLANARITY) * grid.voxel_size
-    anchors = (points + normals * offset[:, None]).astype(np.float32)
+    anchors = points + normals * (offset * is_planar * np.float32(grid.voxel_size))[:, None]
+
+    def table(values: np.ndarray) -> Array:
+        return jax.device_put(as_table(values.astype(np.float32, copy=False), rows))
+
     return PreparedMap(
         grid=grid,
-        points=jnp.asarray(pad_rows(points, size)),
-        anchors=jnp.asarray(pad_rows(anchors, size)),
-        normals=jnp.asarray(pad_rows(normals, size)),
-        sides=jnp.asarray(pad_rows(normals * (planarity > MIN_PLANARITY)[:, None], size)),
-        weights=jnp.asarray(pad_rows(leverage_weights(normals, planarity), size)),
-        planarity=jnp.asarray(pad_rows(planarity, size)),
-        num_points=count,
-        free_share=float(np.asarray(moments.has_free)[:count].mean()),
+        points=table(points),
+        anchors=table(anchors),
+        normals=table(normals),
+        sides=table(normals * is_planar[:, None]),
+        weights=table(leverage_weights(normals, planarity)),
+        planarity=table(planarity),
+        num_points=len(index),
+        free_share=float(np.asarray(moments.has_free).mean()),
         keys=keys,
-        codes=evidence_codes(flat, keys, HIT_SQ, CLEAR_SQ),
-        states=jnp.asarray(flat),
-        dims=dims,
+        codes=_codes(flat, keys, states.size, (HIT_SQ, CLEAR_SQ)),
+        rough_codes=_codes(flat, keys, states.size, _coarse_bounds(_coarse_factor(grid.voxel_size))),
+        states=flat,
+        dims=jnp.asarray(states.shape, jnp.int32),
         centroid=jnp.asarray(points.mean(axis=0, dtype=np.float64).astype(np.float32)),
     )
-
-
-def share_sizes(maps: Sequence[PreparedMap]) -> list[PreparedMap]:
-    """The same maps, padded to the largest of them, so that all their pairs run the same compiled kernels."""
-    length = max(len(m.points) for m in maps)
-    volume = max(len(m.states) for m in maps)
-    return [
-        m if len(m.points) == length and len(m.states) == volume else _padded(m, length, volume) for m in maps
-    ]
 
 
 def sample_rows(prepared: PreparedMap, count: int) -> np.ndarray:
@@ -152,17 +162,6 @@ def sample_rows(prepared: PreparedMap, count: int) -> np.ndarray:
     cumulated = np.cumsum(np.asarray(prepared.weights, np.float64)[: prepared.num_points])
     at = (np.arange(count) + 0.5) / count * cumulated[-1]
     return np.minimum(np.searchsorted(cumulated, at), prepared.num_points - 1)
-
-
-def _padded(prepared: PreparedMap, length: int, volume: int) -> PreparedMap:
-    lists = ("points", "anchors", "normals", "sides", "weights", "planarity")
-    blocks = {"keys": NOTHING_NEAR, "codes": 0, "states": 0}
-    changed = {name: pad_rows(np.asarray(getattr(prepared, name)), length) for name in lists}
-    for name, fill in blocks.items():
-        changed[name] = pad_rows(np.asarray(getattr(prepared, name)), volume, int(fill))
-    return eqx.tree_at(
-        lambda m: [getattr(m, name) for name in changed], prepared, [jnp.asarray(v) for v in changed.values()]
-    )
 
 
 def _planarity(curvature: np.ndarray, num_occupied: np.ndarray) -> np.ndarray:

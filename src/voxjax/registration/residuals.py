@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Float32, Int32, UInt32
 
 from .. import rigid
 from .._types import Array
-from ..ops.evidence import lookup
+from ..ops.lookup import Block, lookup
 from ..ops.nearest import NOTHING_NEAR, split_keys
 
 Scalar = Float[Array, ""] | np.floating
@@ -99,7 +99,8 @@ def meet(
         ceiling).
     """
     moved = rigid.apply(T, sample.points)
-    key = lookup(surface.keys, surface.dims, surface.origin, surface.voxel_size, moved, NOTHING_NEAR)
+    block = Block(surface.dims, surface.origin, surface.voxel_size)
+    key = lookup(surface.keys, block, moved, NOTHING_NEAR)
     row = split_keys(key)[0] % surface.points.shape[0]
     normal, planarity = surface.normals[row], surface.planarity[row]
     cosine = jnp.sum(normal * (sample.normals @ T[:3, :3].T), axis=-1, dtype=moved.dtype)

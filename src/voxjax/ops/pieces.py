@@ -1,0 +1,77 @@
+"""Sums over many points under many poses on a CPU: in pieces of few shapes, side by side on all cores.
+
+A list of any length compiles nothing new, what a piece computes stays in the cache of a core, and memory does not grow
+with the number of points or poses.
+"""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import jax
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Float32, Float64
+
+from .._buckets import pad_rows
+from .._tables import on_cpu
+from .._threads import num_cores, spread
+from .._types import Array
+
+PIECES = (1024, 4096, 16384)
+"""Points of a piece: the smallest that holds the list, else the largest."""
+
+POSES = 64
+"""Poses of a piece at most; how many of them there are is no part of its shape."""
+
+
+def runs_in_pieces(*arrays: object) -> bool:
+    """Whether arrays are values on a CPU: under a transformation of JAX and elsewhere all is one kernel."""
+    return on_cpu() and not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arrays))
+
+
+def over_poses(
+    kernel: Callable[[np.ndarray, np.int32], Array], poses: Float32[np.ndarray, "k 4 4"], *, least_jobs: int
+) -> np.ndarray:
+    """What a kernel gives for each of any number of poses.
+
+    Args:
+        kernel: From poses (64, 4, 4) and the number of those that count to an array of 64 rows.
+        poses: At least one.
+        least_jobs: Cut them into at least so many calls, if there are so many poses: each core is to have one.
+
+    Returns:
+        One row a pose.
+    """
+    group = max(min(-(-len(poses) // least_jobs), POSES), 1)
+
+    def run(first: int) -> np.ndarray:
+        some = poses[first : first + group]
+        return np.asarray(kernel(pad_rows(some, POSES), np.int32(len(some))))[: len(some)]
+
+    return np.concatenate(spread(run, range(0, len(poses), group)))
+
+
+def sum_over_pieces(
+    kernel: Callable[..., Array], lists: Sequence[np.ndarray], poses: Float32[np.ndarray, "k 4 4"]
+) -> Float64[np.ndarray, "k m"]:
+    """Sums over all points for each pose.
+
+    Args:
+        kernel: From lists of one of the lengths `PIECES`, poses (64, 4, 4) and their number to sums (64, m). Rows of
+            zeros in the lists must add nothing.
+        lists: float32, one row a point each.
+        poses: Of any number.
+
+    Returns:
+        float64: sums of what the pieces give, in their order, whatever the number of cores.
+    """
+    length = len(lists[0])
+    size = next((piece for piece in PIECES if piece >= length), PIECES[-1])
+    starts = range(0, length, size)
+
+    def sums_of(start: int) -> np.ndarray:
+        parts = [rows[start : start + size] for rows in lists]
+        piece = [part if len(part) == size else pad_rows(part, size) for part in parts]
+        return over_poses(partial(kernel, *piece), poses, least_jobs=-(-2 * num_cores() // len(starts)))
+
+    return np.stack(spread(sums_of, starts)).sum(axis=0, dtype=np.float64)
