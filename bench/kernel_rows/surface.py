@@ -1,4 +1,4 @@
-"""Kernels on lists of surface voxels: moments and normals, eigenvectors, components, descriptors."""
+"""Kernels on lists of surface voxels: moments and normals, eigenvectors, components."""
 
 from collections.abc import Callable, Iterator
 
@@ -7,14 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import ndimage
 from scipy.sparse import coo_array, csgraph
-from scipy.spatial import KDTree
 
 from bench.kernel_row import KernelRow, Target
 from bench.kernel_rows.scene import rooms
 from voxjax._buckets import bucket_size, pad_rows
 from voxjax._types import OCCUPIED
 from voxjax.ops.components import Regions, connected_components, grow_regions, label_voxels, padded_size
-from voxjax.ops.descriptor import point_feature_histograms, surface_normals
 from voxjax.ops.eigen import eigen_by_columns, symmetric_eigen
 from voxjax.ops.moments import surface_moments
 
@@ -36,7 +34,6 @@ def rows(*, quick: bool) -> Iterator[KernelRow]:
     for connectivity in (6, 18, 26):
         yield _components_row(states == OCCUPIED, connectivity)
     yield _regions_row(states)
-    yield _descriptor_row(states[:64, :64, :64] if quick else states[:96, :96, :96])
 
 
 def _moments_row(states: np.ndarray, size: int) -> KernelRow:
@@ -189,37 +186,3 @@ def _regions_by_scipy(
     i, j = np.concatenate(ends, axis=1)
     graph = coo_array((np.ones(len(i), bool), (i, j)), shape=(len(index), len(index)))
     return csgraph.connected_components(graph, directed=False)
-
-
-def _descriptor_row(states: np.ndarray, radius: float = 5.0, capacity: int = 128) -> KernelRow:
-    points = np.argwhere(states == OCCUPIED).astype(np.float64)
-    count, size = len(points), bucket_size(len(points), 512)
-    padded = pad_rows(points.astype(np.float32), size)
-
-    def neighbours() -> tuple[np.ndarray, np.ndarray]:
-        found, near = KDTree(points).query(points, k=capacity, distance_upper_bound=radius, workers=-1)
-        near = pad_rows(np.where(np.isfinite(found), near, 0).astype(np.int32), size)
-        return near, pad_rows(found.astype(np.float32), size, np.inf)
-
-    normal = np.asarray(surface_normals(padded, *neighbours(), radius=3.0)[0])
-
-    def ours() -> object:
-        return point_feature_histograms(padded, normal, *neighbours(), radius=radius, spacing=1.0)
-
-    candidates: dict[str, Callable[[], object]] = {"voxjax": ours}
-    if open3d is not None:
-        registration = open3d.pipelines.registration
-        cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
-        cloud.normals = open3d.utility.Vector3dVector(normal[:count].astype(np.float64))
-        search = open3d.geometry.KDTreeSearchParamHybrid(radius=radius, max_nn=capacity)
-        candidates["Open3D FPFH"] = lambda: registration.compute_fpfh_feature(cloud, search)
-    return KernelRow(
-        f"descriptors, {count} points",
-        "voxjax",
-        candidates,
-        count,
-        "point",
-        targets=(Target("Open3D FPFH", 5.0),) if open3d is not None else (),
-        note=f"radius {radius:g}, up to {capacity} neighbours, search included"
-        + ("" if open3d is not None else f"; {_NO_OPEN3D}"),
-    )

@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 
 from voxjax import InputError, VoxelGrid
+from voxjax.matching import descriptors
 from voxjax.matching.descriptors import describe_map, match_descriptors, working_spacing
+from voxjax.ops import descriptor, descriptor_items, descriptor_match
 
 
 def furnished_room(free=True, seed=0):
@@ -32,7 +34,7 @@ def test_points_are_means_of_occupied_voxels_on_the_working_lattice(room):
     described = describe_map(room)
     for level, scale in zip(described.levels, (1.0, 1.6), strict=True):
         assert level.spacing == pytest.approx(0.25 * scale)
-        points = np.asarray(level.points)[np.asarray(level.mask)] + described.center
+        points = np.asarray(level.points) + described.center
         centred = room.occupied_points() - np.asarray(described.center)
         assert len(points) == len(np.unique(np.floor(centred / level.spacing), axis=0))
         low, high = room.extent
@@ -42,8 +44,8 @@ def test_points_are_means_of_occupied_voxels_on_the_working_lattice(room):
 
 def test_normals_point_into_free_space(room):
     level = describe_map(room).levels[0]
-    points = np.asarray(level.points)[np.asarray(level.mask)] + np.asarray(describe_map(room).center)
-    normals = np.asarray(level.normals)[np.asarray(level.mask)]
+    points = np.asarray(level.points) + np.asarray(describe_map(room).center)
+    normals = np.asarray(level.normals)
     ahead = np.asarray(room.states)[tuple(room.index_from_world(points + 0.2 * normals).T)]
     assert np.mean(ahead == 1) > 0.85
     assert np.mean(ahead == 0) < 0.1
@@ -54,7 +56,7 @@ def test_without_free_space_walls_face_the_room():
     described = describe_map(grid)
     assert described.side == "surroundings"
     level = described.levels[0]
-    points, normals = (np.asarray(x)[np.asarray(level.mask)] for x in (level.points, level.normals))
+    points, normals = np.asarray(level.points), np.asarray(level.normals)
     is_wall = np.abs(points[:, 0]) > 2.3
     assert np.mean((points * normals)[is_wall, 0] < 0.0) > 0.9
 
@@ -63,38 +65,60 @@ def test_a_map_matches_itself_row_by_row(room):
     level = describe_map(room).levels[1]
     matches, square = match_descriptors(level, level)
     assert np.mean(matches[:, 0] == matches[:, 1]) > 0.98  # but for points with equal surroundings
-    assert len(matches) > 0.9 * np.count_nonzero(np.asarray(level.mask))
+    assert len(matches) > 0.9 * len(level.points)
     assert square.max() < 1e-4
 
 
-def test_padding_compiles_nothing_for_a_map_of_like_size(room):
-    from voxjax.ops.descriptor import point_feature_histograms
-
-    describe_map(room)
-    before = point_feature_histograms._cache_size()  # pyright: ignore[reportAttributeAccessIssue]
-    describe_map(VoxelGrid(furnished_room()[::-1].copy(), np.zeros(3, np.float32), 0.1))
-    assert point_feature_histograms._cache_size() == before  # pyright: ignore[reportAttributeAccessIssue]
+KERNELS = (
+    descriptor.is_within, descriptor.monomials, descriptor.closeness, descriptor.pair_bins, descriptor.count_bins,
+    descriptor.add_counts, descriptor._fit, descriptor_match._squares,
+)  # fmt: skip
 
 
-def test_truncated_neighbour_lists_are_counted():
-    states = np.full((20, 20, 20), 2, np.uint8)
-    full = describe_map(VoxelGrid(states, np.zeros(3, np.float32), 0.1), spacing=0.1)
-    # 128 neighbours fill a ball of 3.1 voxels; the limit is 5, so only corners and edges have fewer
-    assert 4000 < full.levels[0].num_truncated < 8000
-    sheet = np.zeros((20, 20, 4), np.uint8)
-    sheet[..., 1] = 2
-    assert (
-        describe_map(VoxelGrid(sheet, np.zeros(3, np.float32), 0.1), spacing=0.1).levels[0].num_truncated == 0
-    )
+def test_maps_of_ten_sizes_compile_each_kernel_once():
+    room = furnished_room()
+    first = describe_map(VoxelGrid(room, np.zeros(3, np.float32), 0.1))
+    match_descriptors(first.levels[0], first.levels[0])
+    before = [kernel._cache_size() for kernel in KERNELS]  # pyright: ignore[reportAttributeAccessIssue]
+    for k in range(10):
+        grid = VoxelGrid(room[: 55 - 4 * k, : 30 + k, 3 * k // 2 :].copy(), np.zeros(3, np.float32), 0.1)
+        described = describe_map(grid, spacing=0.12)
+        level = described.levels[0]
+        assert len(match_descriptors(level, level)[0]) > 0.5 * len(level.points)
+    after = [kernel._cache_size() for kernel in KERNELS]  # pyright: ignore[reportAttributeAccessIssue]
+    assert after == before
+
+
+def test_accelerators_describe_and_match_alike(room, monkeypatch):
+    on_host = describe_map(room).levels[1]
+    matches, _ = match_descriptors(on_host, on_host)
+    for module in (descriptors, descriptor_items):
+        monkeypatch.setattr(module, "on_cpu", lambda: False)
+    level = describe_map(room).levels[1]
+    np.testing.assert_array_equal(level.points, on_host.points)
+    np.testing.assert_allclose(level.normals, on_host.normals, atol=1e-3)
+    # rounding moves pairs on a border of two bins, here and there
+    assert np.mean(np.abs(np.asarray(level.descriptors) - on_host.descriptors) < 1e-3) > 0.99
+    again, _ = match_descriptors(level, level)
+    assert np.mean(again[:, 0] == again[:, 1]) > 0.98
+    assert len(again) == pytest.approx(len(matches), rel=0.02)
+
+
+def test_all_neighbours_count_in_solid_blocks():
+    states = np.full((14, 14, 14), 2, np.uint8)
+    level = describe_map(VoxelGrid(states, np.zeros(3, np.float32), 0.1), spacing=0.1).levels[0]
+    assert len(level.points) == 14**3
+    sums = (np.asarray(level.descriptors) ** 2).reshape(14**3, 3, -1).sum(axis=2)
+    np.testing.assert_allclose(sums, 1.0, atol=1e-4)
 
 
 def test_empty_and_tiny_maps_are_described_without_fault():
     states = np.zeros((5, 5, 5), np.uint8)
     empty = describe_map(VoxelGrid(states, np.zeros(3, np.float32), 0.1))
-    assert not any(np.asarray(level.mask).any() for level in empty.levels)
+    assert not any(len(level.points) for level in empty.levels)
     states[2, 2, 2] = 2
     one = describe_map(VoxelGrid(states, np.zeros(3, np.float32), 0.1))
-    assert [np.count_nonzero(np.asarray(level.mask)) for level in one.levels] == [1, 1]
+    assert [len(level.points) for level in one.levels] == [1, 1]
     assert match_descriptors(empty.levels[0], one.levels[0])[0].shape == (0, 2)
 
 

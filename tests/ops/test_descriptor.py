@@ -2,8 +2,11 @@ import jax
 import numpy as np
 import pytest
 
-from oracles.descriptors import histograms, neighbors_within, plane_normal
+from oracles.descriptors import histograms, plane_normal
+from voxjax import InputError
+from voxjax.ops import descriptor, descriptor_items
 from voxjax.ops.descriptor import point_feature_histograms, surface_normals
+from voxjax.ops.descriptor_tiles import near_tiles, point_tree
 
 
 def bumpy_patch(seed=0, n=60):
@@ -19,14 +22,17 @@ def rotation(seed):
     return (q * np.sign(np.linalg.det(q))).astype(np.float32)
 
 
-def describe(points, normals, radius=0.6, capacity=60, **options):
-    rows, lengths = neighbors_within(points, radius, capacity)
+def near(points, radius):
+    return near_tiles(point_tree(points), radius)
+
+
+def describe(points, normals, radius=0.6, **options):
     return np.asarray(
-        point_feature_histograms(points, normals, rows, lengths, radius=radius, spacing=0.2, **options)
+        point_feature_histograms(points, normals, near(points, radius), radius=radius, spacing=0.2, **options)
     )
 
 
-@pytest.mark.parametrize("num_bins", [5, 11])
+@pytest.mark.parametrize("num_bins", [4, 5, 11])
 def test_histograms_equal_the_definition(num_bins):
     points, normals = bumpy_patch()
     expected = histograms(points.astype(float), normals.astype(float), 0.6, 0.2, num_bins)
@@ -34,10 +40,30 @@ def test_histograms_equal_the_definition(num_bins):
     np.testing.assert_allclose(describe(points, normals, num_bins=num_bins), expected, atol=2e-3)
 
 
-@pytest.mark.parametrize("chunk", [1, 7, 512])
-def test_chunks_do_not_change_the_histograms(chunk):
+def test_tiles_of_a_larger_radius_do_not_change_the_histograms():
     points, normals = bumpy_patch()
-    np.testing.assert_allclose(describe(points, normals, chunk=chunk), describe(points, normals), atol=1e-6)
+    wide = point_feature_histograms(points, normals, near(points, 1.5), radius=0.6, spacing=0.2)
+    np.testing.assert_allclose(wide, describe(points, normals), atol=1e-6)
+
+
+def test_all_neighbours_count_however_many_there_are():
+    points, normals = bumpy_patch(5, n=400)
+    expected = histograms(points.astype(float), normals.astype(float), 0.9, 0.2, 11)
+    near_all = near(points, 0.9)
+    assert np.bincount(near_all.own).max() >= 3  # more than one item a tile
+    found = point_feature_histograms(points, normals, near_all, radius=0.9, spacing=0.2)
+    np.testing.assert_allclose(found, expected, atol=2e-3)
+
+
+@pytest.mark.parametrize("items", [1, 3])
+def test_pieces_do_not_change_the_results(items, monkeypatch):
+    points, normals = bumpy_patch(5, n=150)
+    whole = describe(points, normals), surface_normals(points, near(points, 0.6), radius=0.6)
+    monkeypatch.setattr(descriptor_items, "_ITEMS", items)
+    np.testing.assert_allclose(describe(points, normals), whole[0], atol=1e-6)
+    parts = surface_normals(points, near(points, 0.6), radius=0.6)
+    np.testing.assert_allclose(parts[0], whole[1][0], atol=1e-4)
+    np.testing.assert_allclose(parts[1], whole[1][1], atol=1e-5)
 
 
 def test_rigid_motions_leave_histograms_as_they_are():
@@ -70,27 +96,60 @@ def test_each_histogram_sums_to_one_and_lonely_points_have_none():
 
 def test_normals_are_the_directions_of_least_variance():
     points, _ = bumpy_patch(1)
-    rows, lengths = neighbors_within(points, 0.8, 60)
-    normals, variation = surface_normals(points, rows, lengths, radius=0.5)
+    normals, variation = surface_normals(points, near(points, 0.5), radius=0.5)
     for i in range(len(points)):
-        near = points[rows[i][lengths[i] <= 0.5]]
-        if len(near) < 4:
+        around = points[np.linalg.norm(points - points[i], axis=1) <= 0.5]
+        if len(around) < 4:
             continue
-        normal, share = plane_normal(near.astype(float))
+        normal, share = plane_normal(around.astype(float))
         assert abs(normal @ np.asarray(normals)[i]) > 0.999 or share > 0.1
         np.testing.assert_allclose(np.asarray(variation)[i], share, atol=1e-4)
 
 
 def test_points_with_too_few_neighbours_have_the_largest_variation():
     points = np.array([[0, 0, 0], [1, 0, 0], [9, 9, 9]], np.float32)
-    rows, lengths = neighbors_within(points, 2.0, 4)
-    normals, variation = surface_normals(points, rows, lengths, radius=2.0)
+    normals, variation = surface_normals(points, near(points, 2.0), radius=2.0)
     np.testing.assert_allclose(variation, 1 / 3)
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=1e-5)
 
 
-def test_kernels_give_the_same_under_an_outer_jit():
+def test_kernels_give_the_same_under_jit_and_vmap():
     points, normals = bumpy_patch()
-    rows, lengths = neighbors_within(points, 0.6, 60)
-    inner = jax.jit(lambda p: point_feature_histograms(p, normals, rows, lengths, radius=0.6, spacing=0.2))
-    np.testing.assert_allclose(inner(points), describe(points, normals), atol=1e-5)
+    tiles = near(points, 0.6)
+
+    def both(p, n):
+        found, variation = surface_normals(p, tiles, radius=0.6)
+        return found, variation, point_feature_histograms(p, n, tiles, radius=0.6, spacing=0.2)
+
+    expected = *surface_normals(points, tiles, radius=0.6), describe(points, normals)
+    for result in (jax.jit(both)(points, normals), jax.vmap(both)(points[None], normals[None])):
+        for one, other in zip(result, expected, strict=True):
+            np.testing.assert_allclose(np.reshape(one, np.shape(other)), other, atol=1e-4)
+
+
+def test_nothing_and_one_point_are_described():
+    for count in (0, 1):
+        points = np.zeros((count, 3), np.float32)
+        normals, variation = surface_normals(points, near(points, 1.0), radius=1.0)
+        assert normals.shape == (count, 3)
+        np.testing.assert_allclose(variation, np.full(count, 1 / 3, np.float32))
+        np.testing.assert_array_equal(describe(points, normals), np.zeros((count, 33)))
+
+
+def test_another_number_of_points_compiles_nothing():
+    kernels = (descriptor.pair_bins, descriptor.count_bins, descriptor.add_counts, descriptor.closeness)
+    kernels += descriptor.is_within, descriptor.monomials, descriptor._fit
+    before = None
+    for n in (20, 1000, 333):
+        points, normals = bumpy_patch(1, n=n)
+        surface_normals(points, near(points, 0.3), radius=0.3)
+        describe(points, normals, radius=0.3)
+        sizes = [kernel._cache_size() for kernel in kernels]  # pyright: ignore[reportAttributeAccessIssue]
+        before = before or sizes
+        assert sizes == before
+
+
+def test_numbers_of_bins_out_of_range_are_refused():
+    points, normals = bumpy_patch()
+    with pytest.raises(InputError, match="num_bins must be from 2 to 255, got 1"):
+        describe(points, normals, num_bins=1)

@@ -3,17 +3,6 @@
 import numpy as np
 
 
-def neighbors_within(points, radius, capacity):
-    """Padded lists of the neighbours within the radius, nearest first, the point itself included."""
-    n = len(points)
-    rows, lengths = np.zeros((n, capacity), np.int32), np.full((n, capacity), np.inf, np.float32)
-    for i, point in enumerate(points):
-        distance = np.linalg.norm(points - point, axis=1)
-        order = [j for j in np.argsort(distance, kind="stable") if distance[j] <= radius][:capacity]
-        rows[i, : len(order)], lengths[i, : len(order)] = order, distance[order]
-    return rows, lengths
-
-
 def plane_normal(points):
     """Direction of least variance and its share of the variance."""
     centred = points - points.mean(0)

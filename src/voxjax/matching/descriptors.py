@@ -1,21 +1,23 @@
 """Surface points of a map with local descriptors, computed once a map, and their matches with another map.
 
 The occupied voxels are averaged on a working lattice two to three voxels wide, described at two scales, and
-matched scale by scale. Everything is padded to a ladder of sizes, so that another map compiles nothing new.
+matched scale by scale. Maps of any size run the same kernels.
 """
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from scipy.ndimage import uniform_filter
-from scipy.spatial import KDTree
 
 from .._buckets import bucket_size, pad_rows
 from .._checks import InputError, check_positive
+from .._tables import on_cpu
+from .._threads import spread
 from .._types import FREE, Array
 from ..grid import VoxelGrid
 from ..ops.descriptor import point_feature_histograms, surface_normals
 from ..ops.descriptor_match import mutual_nearest
+from ..ops.descriptor_tiles import near_tiles, padded_tiles, point_tree
 
 SPACING_IN_VOXELS = 2.5
 """Working spacing over the map's voxel size; averages the steps of the lattice away."""
@@ -28,28 +30,24 @@ MAX_FINE_POINTS = 24576
 NORMAL_RADIUS = 3.0
 DESCRIPTOR_RADIUS = 5.0
 """Radii of the normal and of the descriptor, in working spacings."""
-MAX_NEIGHBORS = 128
-"""Nearest neighbours kept a point; a plane has 80 within the radius, clutter 160. Points with more are counted."""
+_CHUNK = 1 << 14
+"""Voxels whose surroundings are looked up at once."""
 
 
 class DescriptorLevel(eqx.Module):
-    """Described surface points of one map at one scale, padded.
+    """Described surface points of one map at one scale.
 
     Attributes:
         points: float32 (n, 3) [m], relative to the map's `center`.
         normals: float32 (n, 3), unit, signed as `MapDescriptors.side` says.
         descriptors: float32 (n, d); Euclidean distances compare them.
-        mask: bool (n,): rows that hold a point.
         spacing: Working spacing of this level [m].
-        num_truncated: Points that had more neighbours than were kept.
     """
 
     points: Float[Array, "n 3"]
     normals: Float[Array, "n 3"]
     descriptors: Float[Array, "n d"]
-    mask: Bool[Array, "n"]
     spacing: float
-    num_truncated: int
 
 
 class MapDescriptors(eqx.Module):
@@ -133,26 +131,34 @@ def match_descriptors(
             f"descriptors must have the same spacing in both maps, got {a.spacing:g} m and {b.spacing:g} m; "
             "describe both with spacing=working_spacing(voxel_size_a, voxel_size_b)."
         )
-    nearest, is_mutual, square = mutual_nearest(a.descriptors, b.descriptors, a.mask, b.mask)
-    rows = np.flatnonzero(np.asarray(is_mutual))
-    matches = np.stack([rows, np.asarray(nearest)[rows]], axis=1).astype(np.int32)
-    return matches, np.asarray(square)[rows]
+    descriptors, masks = [], []
+    for level in (a, b):
+        count = len(level.descriptors)
+        # On accelerators the number of rows is the kernel's.
+        size = count if on_cpu() else bucket_size(count, 512)
+        descriptors.append(pad_rows(np.asarray(level.descriptors), size))
+        masks.append(np.arange(size) < count)
+    nearest, is_mutual, square = (np.asarray(x) for x in mutual_nearest(*descriptors, *masks))
+    rows = np.flatnonzero(is_mutual)
+    return np.stack([rows, nearest[rows]], axis=1).astype(np.int32), square[rows]
 
 
 def _describe_level(points: np.ndarray, side: np.ndarray | None, spacing: float) -> DescriptorLevel:
     """Normals of the averaged points, their signs (toward `side`, or the surroundings), and descriptors."""
-    count = len(points)
-    size = bucket_size(count, 512)
-    neighbors, distances, num_truncated = _neighbor_table(points, DESCRIPTOR_RADIUS * spacing, size)
-    padded = pad_rows(points.astype(np.float32), size)
-    normals, _ = surface_normals(padded, neighbors, distances, radius=NORMAL_RADIUS * spacing)
-    normals = np.array(normals)
+    count, tree = len(points), point_tree(points)
+    normal_tiles, tiles = (near_tiles(tree, r * spacing) for r in (NORMAL_RADIUS, DESCRIPTOR_RADIUS))
+    placed = points.astype(np.float32)
+    if not on_cpu():  # there the numbers of points and items are the kernels'
+        size = bucket_size(count, 512)
+        placed = pad_rows(placed, size)
+        normal_tiles, tiles = (padded_tiles(near, count, size) for near in (normal_tiles, tiles))
+    normals = np.array(surface_normals(placed, normal_tiles, radius=NORMAL_RADIUS * spacing)[0])
     side = _toward_surroundings(points, 4.0 * spacing) if side is None else side
     normals[:count] *= np.where(np.sum(normals[:count] * side, axis=1) < 0.0, -1.0, 1.0)[:, None]
     descriptors = point_feature_histograms(
-        padded, normals, neighbors, distances, radius=DESCRIPTOR_RADIUS * spacing, spacing=spacing
+        placed, normals, tiles, radius=DESCRIPTOR_RADIUS * spacing, spacing=spacing
     )
-    return DescriptorLevel(padded, normals, descriptors, np.arange(size) < count, spacing, num_truncated)
+    return DescriptorLevel(placed[:count], normals[:count], np.asarray(descriptors)[:count], spacing)
 
 
 def _average_by_cell(points: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
@@ -161,12 +167,12 @@ def _average_by_cell(points: np.ndarray, spacing: float) -> tuple[np.ndarray, np
         return np.zeros(0, np.int64), np.zeros((0, 3))
     index = np.floor(points / spacing).astype(np.int64)
     index -= index.min(axis=0)
-    cell = np.unique(np.ravel_multi_index(tuple(index.T), tuple(index.max(axis=0) + 1)), return_inverse=True)[
-        1
-    ]
-    cell = cell.reshape(-1)
-    total = _sum_by_cell(cell, points, int(cell.max()) + 1)
-    return cell, total / np.bincount(cell)[:, None]
+    flat = np.ravel_multi_index(tuple(index.T), tuple(index.max(axis=0) + 1))
+    # Numbers by counting: the lattice has fewer cells than the map has voxels, and sorting takes longer.
+    counts = np.bincount(flat)
+    cell = (np.cumsum(counts > 0) - 1)[flat]
+    counts = counts[counts > 0]
+    return cell, _sum_by_cell(cell, points, len(counts)) / counts[:, None]
 
 
 def _sum_by_cell(cell: np.ndarray, vectors: np.ndarray, count: int) -> np.ndarray:
@@ -174,35 +180,32 @@ def _sum_by_cell(cell: np.ndarray, vectors: np.ndarray, count: int) -> np.ndarra
     return np.stack([np.bincount(cell, vectors[:, axis], minlength=count) for axis in range(3)], axis=1)
 
 
-def _neighbor_table(points: np.ndarray, radius: float, size: int) -> tuple[np.ndarray, np.ndarray, int]:
-    """Nearest neighbours within `radius`, nearest first, padded to `size` rows; and how many lists are full."""
-    neighbors = np.zeros((size, MAX_NEIGHBORS), np.int32)
-    distances = np.full((size, MAX_NEIGHBORS), np.inf, np.float32)
-    if not len(points):
-        return neighbors, distances, 0
-    found, rows = KDTree(points).query(points, k=MAX_NEIGHBORS, distance_upper_bound=radius, workers=-1)
-    neighbors[: len(points)] = np.where(np.isfinite(found), rows, 0)
-    distances[: len(points)] = found
-    return neighbors, distances, int(np.count_nonzero(np.isfinite(found[:, -1])))
-
-
 def _free_directions(states: np.ndarray, index: np.ndarray) -> np.ndarray:
     """Sum of the unit directions from each listed voxel to the free voxels one and two steps away: (n, 3)."""
     reach = 2
-    is_free = np.pad(states == FREE, reach).astype(np.int8)
+    is_free = np.pad(states == FREE, reach).view(np.int8)
     strides = np.array([is_free.shape[1] * is_free.shape[2], is_free.shape[2], 1], np.int64)
-    flat, start = is_free.reshape(-1), (index.astype(np.int64) + reach) @ strides
-    total = np.zeros((len(index), 3), np.float32)
-    for step in np.ndindex(3, 3, 3):
-        direction = np.array(step, np.int64) - 1
-        if not direction.any():
-            continue
-        count = sum(
-            np.take(flat, start + distance * (direction @ strides)) for distance in range(1, reach + 1)
-        )
-        unit = direction / np.linalg.norm(direction)
-        total += np.asarray(count, np.float32)[:, None] * unit[None].astype(np.float32)
-    return total
+    flat, places = is_free.reshape(-1), (index.astype(np.int64) + reach) @ strides
+    total = np.zeros((3, len(index)), np.float32)
+
+    def add(first: int) -> None:
+        part = slice(first, first + _CHUNK)
+        start = places[part]
+        for step in np.ndindex(3, 3, 3):
+            direction = np.array(step, np.int64) - 1
+            if not direction.any():
+                continue
+            jump = direction @ strides
+            count = np.take(flat, start + jump)
+            for distance in range(2, reach + 1):
+                count += np.take(flat, start + distance * jump)
+            weights = count.astype(np.float32)
+            unit = (direction / np.linalg.norm(direction)).astype(np.float32)
+            for axis in np.flatnonzero(direction):
+                total[axis, part] += unit[axis] * weights
+
+    spread(add, range(0, len(index), _CHUNK))
+    return total.T
 
 
 def _toward_surroundings(points: np.ndarray, cell_size: float, width: int = 5) -> np.ndarray:

@@ -1,73 +1,87 @@
-"""Local descriptors of surface points: normals and fast point feature histograms (FPFH), in batches.
+"""Local descriptors of points: normals and fast point feature histograms (FPFH), from all neighbours within a radius.
 
-Neighbours come as padded lists: `neighbors` holds row numbers and `distances` metres, infinite where a list has
-no further neighbour. The kernels run in chunks of rows, so that memory stays bounded.
+Neighbours come as tiles that are near each other (`near_tiles`), so that no list of them is ever made. On a CPU the
+items of work go in pieces of one size, side by side: memory is bounded, and another number of points compiles nothing.
 """
 
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float, Int
+import numpy as np
+from jaxtyping import Float32
 
+from .._buckets import pad_rows
+from .._checks import InputError
+from .._threads import spread
 from .._types import Array
+from .descriptor_items import ItemWork, runs_from_host
+from .descriptor_pairs import (
+    MOST_BINS,
+    add_counts,
+    bytes_of,
+    closeness,
+    count_bins,
+    is_within,
+    monomials,
+    pair_bins,
+)
+from .descriptor_tiles import GROUP, LEAF, TILE, NearTiles
+from .eigen import eigen_by_columns
 
 NUM_BINS = 11
 """Bins of each of the three histograms, as in the publication of FPFH."""
-_CHUNK = 512
+_FITS = 4096
+"""Points whose planes are fitted at once on a CPU."""
 
 
-@partial(jax.jit, static_argnames=("chunk",))
 def surface_normals(
-    points: Float[Array, "n 3"],
-    neighbors: Int[Array, "n k"],
-    distances: Float[Array, "n k"],
-    *,
-    radius: float | Float[Array, ""],
-    chunk: int = _CHUNK,
-) -> tuple[Float[Array, "n 3"], Float[Array, "n"]]:
-    """Fit a plane to the neighbours within `radius` of each point.
+    points: Float32[Array, "n 3"], near: NearTiles, *, radius: float | Float32[Array, ""]
+) -> tuple[Float32[Array, "n 3"], Float32[Array, "n"]]:
+    """Fit a plane to the points within a radius of each point, itself included.
 
     Args:
-        points: Float (n, 3) [m], centred well enough for float32.
-        neighbors: Rows of the neighbours; the point itself may be among them.
-        distances: Distance to each neighbour [m], infinite where there is none.
+        points: Float32 (n, 3) [m], centred well enough for float32.
+        near: Tiles of these points near each other, of this radius or a larger one.
         radius: Neighbours farther than this [m] are left out.
-        chunk: Rows handled at once.
 
     Returns:
-        Unit normals (n, 3) of arbitrary sign, and the surface variation (n,) in [0, 1/3]: the share of the
-        variance that is along the normal, 0 on a plane; 1/3 for points with fewer than three neighbours.
+        Unit normals (n, 3) of arbitrary sign, and the surface variation (n,) in [0, 1/3]: the share of the variance
+        that is along the normal, 0 on a plane; 1/3 for points with fewer than three neighbours. As NumPy arrays where
+        NumPy arrays were given on a CPU.
     """
-
-    def fit(row: tuple[Array, Array, Array]) -> tuple[Array, Array]:
-        point, ids, distance = row
-        weight = (distance <= radius).astype(points.dtype)[:, None]
-        count = jnp.sum(weight, dtype=points.dtype)
-        offset = points[ids] - point[None]
-        mean = jnp.sum(offset * weight, axis=0, dtype=points.dtype) / jnp.maximum(count, 1.0)
-        offset = (offset - mean[None]) * weight
-        eigenvalues, eigenvectors = jnp.linalg.eigh(offset.T @ offset)
-        total = jnp.sum(eigenvalues, dtype=points.dtype)
-        is_defined = (count >= 3.0) & (total > 0.0)
-        variation = jnp.maximum(eigenvalues[0], 0.0) / jnp.where(is_defined, total, 1.0)
-        return eigenvectors[:, 0], jnp.where(is_defined, variation, 1.0 / 3.0)
-
-    return jax.lax.map(fit, (points, neighbors, distances), batch_size=min(chunk, max(points.shape[0], 1)))
+    if runs_from_host(points, near):
+        return _normals(points, near, np.float32(radius), from_host=True)
+    return _normals_kernel(points, near, jnp.float32(radius))
 
 
-@partial(jax.jit, static_argnames=("num_bins", "chunk"))
+def _normals(points: Any, near: NearTiles, radius: Any, *, from_host: bool) -> tuple[Any, Any]:
+    """`surface_normals`, piece by piece or in one kernel."""
+    work = ItemWork(near, from_host)
+    tables, square = work.tables(points.T), radius * radius
+
+    def moments(tiles: Any, halves: Any) -> Any:
+        own, others = work.take(tables, tiles, halves)
+        return work.mix(is_within(own, others, square), monomials(own, others))
+
+    sums = work.by_point(work.add_up(moments, (TILE, 10)).reshape(-1, 10), points.shape[0]).T
+    normals, variation = _fit_pieces(sums) if from_host else _fit(sums)
+    return normals.T, variation
+
+
+_normals_kernel = jax.jit(partial(_normals, from_host=False))
+
+
 def point_feature_histograms(
-    points: Float[Array, "n 3"],
-    normals: Float[Array, "n 3"],
-    neighbors: Int[Array, "n k"],
-    distances: Float[Array, "n k"],
+    points: Float32[Array, "n 3"],
+    normals: Float32[Array, "n 3"],
+    near: NearTiles,
     *,
-    radius: float | Float[Array, ""],
-    spacing: float | Float[Array, ""],
+    radius: float | Float32[Array, ""],
+    spacing: float | Float32[Array, ""],
     num_bins: int = NUM_BINS,
-    chunk: int = _CHUNK,
-) -> Float[Array, "n d"]:
+) -> Float32[Array, "n d"]:
     """Describe each point by how the normals around it lie.
 
     Every pair (point p with normal n, neighbour q with normal m) gives three angles in the frame u = n,
@@ -77,59 +91,86 @@ def point_feature_histograms(
     with the smaller angle is decided by rounding wherever two normals are parallel, and walls are flat.
 
     Args:
-        points: Float (n, 3) [m].
+        points: Float32 (n, 3) [m].
         normals: Unit normals (n, 3), with one meaning of the sign over the whole map.
-        neighbors: Rows of the neighbours; a point's own row, at distance 0, does not count.
-        distances: Distance to each neighbour [m], infinite where there is none.
-        radius: Neighbours farther than this [m] are left out.
+        near: Tiles of these points near each other, of this radius or a larger one.
+        radius: Neighbours farther than this [m] are left out; so are points at the same place.
         spacing: Distance between neighbouring points [m]; weights stop growing below half of it.
-        num_bins: Bins of each of the three histograms.
-        chunk: Rows handled at once.
+        num_bins: Bins of each of the three histograms, 2 to 255.
 
     Returns:
         (n, 3 num_bins): the square roots of the three histograms, each histogram summing to 1 (to 0 for
-        points without neighbours), so that a Euclidean distance is the Hellinger distance of the histograms.
+        points without neighbours), so that a Euclidean distance is the Hellinger distance of the histograms. As a NumPy
+        array where NumPy arrays were given on a CPU.
+
+    Raises:
+        InputError: If the number of bins is out of range.
 
     References:
         Rusu, Blodow, Beetz: Fast Point Feature Histograms (FPFH) for 3D Registration, ICRA 2009, Sec. III.
     """
-    batch = min(chunk, max(points.shape[0], 1))
-    dtype = points.dtype
-
-    def simple(row: tuple[Array, Array, Array, Array]) -> Array:
-        point, normal, ids, distance = row
-        is_neighbor = (distance <= radius) & (distance > 0.0)
-        scale = jnp.where(is_neighbor, distance, 1.0)
-        direction = (points[ids] - point[None]) / scale[:, None]
-        shares = _pair_shares(normal, normals[ids], direction)
-        bins = jnp.clip((shares * num_bins).astype(jnp.int32), 0, num_bins - 1)
-        hits = (bins[:, :, None] == jnp.arange(num_bins, dtype=jnp.int32)[None, None]) & is_neighbor[
-            :, None, None
-        ]
-        count = jnp.sum(is_neighbor, dtype=dtype)
-        return (jnp.sum(hits, axis=0, dtype=dtype) / jnp.maximum(count, 1.0)).reshape(-1)
-
-    histograms = jax.lax.map(simple, (points, normals, neighbors, distances), batch_size=batch)
-
-    def smooth(row: tuple[Array, Array]) -> Array:
-        ids, distance = row
-        is_neighbor = (distance <= radius) & (distance > 0.0)
-        weight = jnp.where(is_neighbor, spacing / jnp.maximum(distance, 0.5 * spacing), 0.0)
-        return weight.astype(dtype) @ histograms[ids]
-
-    total = jax.lax.map(smooth, (neighbors, distances), batch_size=batch).reshape(-1, 3, num_bins)
-    mass = jnp.sum(total, axis=2, keepdims=True, dtype=dtype)
-    return jnp.sqrt(total / jnp.where(mass > 0.0, mass, 1.0)).reshape(-1, 3 * num_bins)
+    if not 2 <= num_bins <= MOST_BINS:
+        raise InputError(f"num_bins must be from 2 to {MOST_BINS}, got {num_bins!r}.")
+    if runs_from_host(points, normals, near):
+        scales = np.float32(radius), np.float32(spacing)
+        return _histograms(points, normals, near, *scales, num_bins=num_bins, from_host=True)
+    scales = jnp.float32(radius), jnp.float32(spacing)
+    return _histograms_kernel(points, normals, near, *scales, num_bins=num_bins)
 
 
-def _pair_shares(normal: Array, neighbor_normals: Array, direction: Array) -> Array:
-    """The three angles of a point with its neighbours, each scaled to [0, 1]: (k, 3)."""
-    slope = direction @ normal
-    v = jnp.cross(direction, normal[None])
-    length = jnp.sqrt(jnp.sum(v * v, axis=1, keepdims=True, dtype=v.dtype))
-    v = v / jnp.maximum(length, 1e-6)
-    w = jnp.cross(normal[None], v)
-    along_v = jnp.sum(v * neighbor_normals, axis=1, dtype=v.dtype)
-    along_w = jnp.sum(w * neighbor_normals, axis=1, dtype=v.dtype)
-    turn = jnp.arctan2(along_w, neighbor_normals @ normal)
-    return jnp.stack([0.5 * (along_v + 1.0), 0.5 * (slope + 1.0), turn / (2.0 * jnp.pi) + 0.5], axis=1)
+def _histograms(
+    points: Any, normals: Any, near: NearTiles, radius: Any, spacing: Any, *, num_bins: int, from_host: bool
+) -> Any:
+    """`point_feature_histograms`, piece by piece or in one kernel."""
+    work = ItemWork(near, from_host)
+    xp, width, square = work.xp, 3 * num_bins, radius * radius
+    tables = work.tables(xp.concatenate([points, normals], axis=1).T)
+
+    def simple(tiles: Any, halves: Any) -> Any:
+        word = pair_bins(*work.take(tables, tiles, halves), square, num_bins=num_bins)
+        bins = bytes_of(np.asarray(word) if from_host else word)
+        return add_counts(count_bins(bins, num_bins=num_bins), width=4 * TILE)
+
+    counts = work.add_up(simple, (num_bins, 4 * TILE)).reshape(-1, num_bins, TILE, 4)
+    counts = counts.transpose(0, 2, 3, 1)[:, :, :3].reshape(-1, LEAF, width)
+    histograms = counts / xp.maximum(counts[..., :num_bins].sum(axis=2, keepdims=True), xp.float32(1))
+    places = tables[0][:3], tables[1][:3]
+
+    def smooth(tiles: Any, halves: Any) -> Any:
+        weights = closeness(*work.take(places, tiles, halves), square, spacing)
+        return work.mix(weights, xp.take(histograms, halves, axis=0).reshape(-1, GROUP * LEAF, width))
+
+    total = work.by_point(work.add_up(smooth, (TILE, width)).reshape(-1, width), points.shape[0])
+    total = total.reshape(-1, 3, num_bins)
+    mass = total.sum(axis=2, keepdims=True)
+    return xp.sqrt(total / xp.where(mass > 0, mass, xp.float32(1))).reshape(-1, width)
+
+
+_histograms_kernel = jax.jit(partial(_histograms, from_host=False), static_argnames="num_bins")
+
+
+@jax.jit
+def _fit(sums: Float32[Array, "10 n"]) -> tuple[Float32[Array, "3 n"], Float32[Array, "n"]]:
+    """Normal and surface variation from the number of points, their sums and sums of products."""
+    count = sums[0]
+    x, y, z, xx, yy, zz, xy, xz, yz = (row / jnp.maximum(count, 1.0) for row in sums[1:])
+    covariance = jnp.stack([xx - x * x, yy - y * y, zz - z * z, xy - x * y, xz - x * z, yz - y * z])
+    values, vectors, _ = eigen_by_columns(covariance)
+    total = values[0] + values[1] + values[2]
+    is_defined = (count >= 3.0) & (total > 0.0)
+    variation = jnp.maximum(values[0], 0.0) / jnp.where(is_defined, total, 1.0)
+    return vectors[0], jnp.where(is_defined, variation, 1.0 / 3.0)
+
+
+def _fit_pieces(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`_fit`, always for as many points at once."""
+
+    def run(first: int) -> tuple[np.ndarray, np.ndarray]:
+        piece = sums[:, first : first + _FITS]
+        normals, variation = _fit(pad_rows(piece.T, _FITS).T)
+        return np.asarray(normals)[:, : piece.shape[1]], np.asarray(variation)[: piece.shape[1]]
+
+    parts = spread(run, range(0, sums.shape[1], _FITS))
+    none = np.zeros((3, 0), np.float32), np.zeros(0, np.float32)
+    normals, variation = zip(none, *parts, strict=True)
+    return np.concatenate(normals, axis=1), np.concatenate(variation)

@@ -1,0 +1,155 @@
+"""Points in small tiles, and which tiles lie within a radius of each other: all pairs of near points, without lists.
+
+A tile is a leaf of a tree of halves, so its points lie close together. Work on pairs of points is done tile against
+tile, densely: about three in ten of the pairs of near tiles are near, and no distance is looked up or sorted. On the
+host: the structure is indices only, and kernels take it as arrays.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int32
+
+from .._buckets import bucket_size, pad_rows
+from .._checks import InputError, check_positive
+from .._types import Array
+
+TILE = 16
+"""Points of a tile."""
+LEAF = 8
+"""Points of a half tile: the others of a pair of tiles are listed half by half, which fits the ball more closely."""
+GROUP = 16
+"""Half tiles of an item: at most 128 others, which a byte can count."""
+_STEP = 3
+"""Levels of the tree passed at once by the search."""
+
+
+class NearTiles(NamedTuple):
+    """Which tiles of points are near each other.
+
+    Attributes:
+        rows: int32 (2 t, LEAF): rows of the points by half tile; tile i has the half tiles 2 i and 2 i + 1. The number
+            of points (no row) where a place is empty.
+        own: int32 (m,): tile of each item, ascending.
+        others: int32 (m, GROUP): half tiles near it, at distances up to the radius; a half tile without points (the
+            last, there is always one) where there are no more. A tile has as many items as it needs.
+    """
+
+    rows: Int32[Array, "l 8"]
+    own: Int32[Array, "m"]
+    others: Int32[Array, "m 16"]
+
+
+class PointTree(NamedTuple):
+    """A tree of halves over points: level k has 2**k nodes, the last one the half tiles.
+
+    Attributes:
+        rows: int64 (l, LEAF): rows of the points by half tile; the number of points where a place is empty.
+        low: Of each level, float32 (3, 2**k): least coordinates; infinite for nodes without points.
+        high: Of each level: largest coordinates; -infinite for nodes without points.
+    """
+
+    rows: np.ndarray
+    low: list[np.ndarray]
+    high: list[np.ndarray]
+
+
+def point_tree(points: Float[np.ndarray, "n 3"]) -> PointTree:
+    """Halve points at the median of their longest extent, down to half tiles.
+
+    Args:
+        points: Finite, n >= 0.
+
+    Raises:
+        InputError: If a coordinate is not finite.
+    """
+    count = len(points)
+    if not np.isfinite(points).all():
+        raise InputError("points must have finite coordinates, got an infinite one or NaN.")
+    levels = max(int(np.ceil(np.log2(max(count + LEAF, 2 * LEAF) / LEAF))), 1)
+    size = LEAF << levels
+    # Empty places are infinitely far, so the points of a node come before them, and the last leaf is empty.
+    columns = np.full((3, size), np.inf, np.float32)
+    columns[:, :count] = np.asarray(points, np.float32).T
+    rows = np.minimum(np.arange(size), count)
+    for level in range(levels):
+        low, high = _boxes(columns, 1 << level)
+        axis = np.argmax(np.where(low <= high, high - low, 0), axis=0)
+        parts = columns.reshape(3, 1 << level, -1)
+        keys = np.take_along_axis(parts, axis[None, :, None], axis=0)[0]
+        halves = np.argpartition(keys, keys.shape[1] // 2 - 1, axis=1)
+        halves += (np.arange(1 << level) * keys.shape[1])[:, None]
+        halves = halves.reshape(-1)
+        columns, rows = np.take(columns, halves, axis=1), rows[halves]
+    low, high = _boxes(columns, 1 << levels)
+    rows = np.sort(rows.reshape(-1, LEAF), axis=1)
+    lows, highs = [low], [high]
+    for _ in range(levels):
+        low, high = low.reshape(3, -1, 2).min(axis=2), high.reshape(3, -1, 2).max(axis=2)
+        lows.append(low)
+        highs.append(high)
+    return PointTree(rows, lows[::-1], highs[::-1])
+
+
+def _boxes(columns: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest finite coordinates of `count` equal parts."""
+    parts = columns.reshape(3, count, -1)
+    return parts.min(axis=2), np.where(np.isfinite(parts), parts, -np.inf).max(axis=2)
+
+
+def near_tiles(tree: PointTree, radius: float) -> NearTiles:
+    """Find the half tiles within a radius of each tile.
+
+    Args:
+        tree: Of the points.
+        radius: Distance [m, as the points]; every pair of points at most so far apart is in the result.
+
+    Returns:
+        `NearTiles`, as NumPy arrays; without items where there is no point.
+
+    Raises:
+        InputError: If the radius is not positive.
+    """
+    # A little more, for the rounding of squares; kernels compare distances themselves.
+    square = np.float32((1 + 1e-5) * check_positive("radius", radius, "m") ** 2)
+    levels = len(tree.low) - 1
+    low, high = tree.low[levels - 1], tree.high[levels - 1]
+    own = np.flatnonzero(low[0] <= high[0])
+    other, level = np.zeros(len(own), np.int64), 0
+    while level < levels:
+        step = min(_STEP, levels - level)
+        level += step
+        own = np.repeat(own, 1 << step)
+        other = ((other << step)[:, None] + np.arange(1 << step)).reshape(-1)
+        gap = np.zeros(len(own), np.float32)
+        for axis in range(3):
+            before = tree.low[level][axis][other] - high[axis][own]
+            behind = low[axis][own] - tree.high[level][axis][other]
+            side = np.maximum(np.maximum(before, behind), np.float32(0))
+            gap += side * side
+        is_near = gap <= square
+        own, other = own[is_near], other[is_near]
+    return _grouped(tree, own, other)
+
+
+def _grouped(tree: PointTree, own: np.ndarray, other: np.ndarray) -> NearTiles:
+    """Lists of half tiles by tile, cut into items of GROUP."""
+    empty = len(tree.rows) - 1
+    starts = np.flatnonzero(np.diff(own, prepend=-1))
+    counts = np.diff(starts, append=len(own))
+    items = -(-counts // GROUP)
+    others = np.full((int(items.sum()), GROUP), empty, np.int32)
+    place = np.arange(len(own)) + np.repeat(GROUP * (np.cumsum(items) - items) - starts, counts)
+    others.reshape(-1)[place] = other
+    return NearTiles(tree.rows.astype(np.int32), np.repeat(own[starts], items).astype(np.int32), others)
+
+
+def padded_tiles(near: NearTiles, count: int, size: int) -> NearTiles:
+    """The same tiles for `count` points padded to `size` rows, with items on the ladder of sizes.
+
+    For accelerators, where a list belongs to the shape of the kernel; the items added hold no pair.
+    """
+    items, empty = bucket_size(len(near.own), 1024), near.rows.shape[0] - 1
+    rows = np.where(near.rows < count, near.rows, size).astype(np.int32)
+    own, others = np.asarray(near.own), np.asarray(near.others)
+    return NearTiles(rows, pad_rows(own, items), pad_rows(others, items, empty))
