@@ -13,13 +13,16 @@ def bucket_size(count: int, smallest: int = 64) -> int:
     return rung
 
 
+def wide_bucket_size(count: int, smallest: int) -> int:
+    """Return the smallest of s, 4 s, 16 s, ... that is >= `count`: for short lists, where a compilation costs more."""
+    rung = smallest
+    while rung < count:
+        rung *= 4
+    return rung
+
+
 def pad_rows(rows: np.ndarray, size: int, fill: float | int = 0) -> np.ndarray:
     """Return `rows` with rows of `fill` appended up to `size` rows, same dtype."""
     padded = np.full((size, *rows.shape[1:]), fill, dtype=rows.dtype)
     padded[: len(rows)] = rows
     return padded
-
-
-def flat_block(states: np.ndarray, smallest: int = 1 << 20) -> np.ndarray:
-    """Cells of a block in C order, padded with zeros to a rung: kernels take the shape as a traced array."""
-    return pad_rows(np.ascontiguousarray(states).reshape(-1), bucket_size(states.size, smallest))

@@ -13,7 +13,7 @@ import numpy as np
 from ._buckets import bucket_size
 
 _STEP = 8
-_SMALLEST = 1 << 21
+_SMALLEST = 1 << 25
 """Cells of the smallest table of a volume."""
 _CELLS_A_ROW = 64
 """Cells of a volume for each row of a list that belongs to it: maps have fewer occupied voxels than that, as a rule, so

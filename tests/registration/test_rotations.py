@@ -76,8 +76,8 @@ def test_no_directions_give_no_rotations():
 def test_sharpening_climbs_and_stays_a_rotation(is_signed):
     normals = noisy_normals(np.concatenate([AXES, -AXES]), [80] * 6, 2.0, 3)[: 6 * 80]
     start = Rotation.from_rotvec([[0.05, -0.04, 0.06], [0.0, 0.08, 0.0]]).as_matrix().astype(np.float32)
-    before = sharpen_rotations(normals, normals, start, is_signed=is_signed, num_steps=1)[1]
-    sharp, after = sharpen_rotations(normals, normals, start, is_signed=is_signed)
+    before = sharpen_rotations(normals, normals, start, np.int32(len(start)), is_signed, num_steps=1)[1]
+    sharp, after = sharpen_rotations(normals, normals, start, np.int32(len(start)), is_signed)
     assert (np.asarray(after) >= np.asarray(before) - 1e-6).all()
     for R in np.asarray(sharp, np.float64):
         np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-5)

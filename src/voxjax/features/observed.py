@@ -5,7 +5,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int32
 
-from .._buckets import bucket_size, pad_rows
 from ..grid import VoxelGrid
 from ..ops.faces import OCTANT_SIGNS, corner_faces
 
@@ -50,15 +49,12 @@ def observe_corners(
     Returns:
         `FoundCorners`; a point can hold several (four rooms that meet) or none.
     """
-    size = bucket_size(len(position), 64)
     local = (position - np.asarray(grid.origin, np.float64)) / grid.voxel_size - 0.5
-    filler = np.broadcast_to(np.eye(3, dtype=np.float32), (size, 3, 3)).copy()
-    filler[: len(normals)] = normals
     faces = corner_faces(
-        np.asarray(grid.states), pad_rows(local.astype(np.float32), size), filler, last=reach
+        np.asarray(grid.states), local.astype(np.float32), normals.astype(np.float32), last=reach
     )
-    seen, occupied, free = (np.asarray(a)[: len(position)] for a in faces)
-    return _decode(_Shares(seen, occupied, free), np.asarray(normals, np.float64), min_seen, max_beyond)
+    shares = _Shares(*map(np.asarray, faces))
+    return _decode(shares, np.asarray(normals, np.float64), min_seen, max_beyond)
 
 
 def _decode(faces: _Shares, normals: np.ndarray, min_seen: float, max_beyond: float) -> FoundCorners:

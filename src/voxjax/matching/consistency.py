@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int32
 
-from .._buckets import bucket_size, pad_rows
+from .._buckets import pad_rows, wide_bucket_size
 from .._checks import InputError, check_positive
 from .._types import Array
 from ..features.types import Corners
@@ -138,7 +138,7 @@ def pairwise_consistency(
         )
     if angle_tolerance is not None:
         check_positive("angle_tolerance", angle_tolerance, "rad")
-    size = bucket_size(len(pairs))
+    size = wide_bucket_size(len(pairs), 256)
     nodes = [_gather(p, pairs[:, side], size) for side, p in enumerate((points_a, points_b))]
     adjacency = np.asarray(
         distance_consistency(

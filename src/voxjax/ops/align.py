@@ -71,7 +71,7 @@ def align_poses(
         np.asarray(poses),
         least_jobs=num_cores(),
     )
-    return jnp.asarray(aligned)
+    return jax.device_put(aligned)
 
 
 class _Target(NamedTuple):

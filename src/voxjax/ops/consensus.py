@@ -8,6 +8,7 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from .._types import Array
@@ -111,7 +112,7 @@ def poses_from_matches(
     normals_b: Float[Array, "n 3"],
     weights: Float[Array, "p n"],
     *,
-    normal_weight: float | Float[Array, ""],
+    normal_weight: float | np.floating | Float[Array, ""],
 ) -> Float[Array, "p 4 4"]:
     """Least-squares poses `T_a_b` of weighted sets of matches; the normals steady sets that lie along a line.
 
@@ -152,7 +153,7 @@ def matches_under_poses(
     mask: Bool[Array, "n"],
     *,
     distance_tolerance: Float[Array, "n"],
-    min_cosine: float | Float[Array, ""],
+    min_cosine: float | np.floating | Float[Array, ""],
 ) -> Bool[Array, "p n"]:
     """Tell which matches each pose `T_a_b` explains.
 

@@ -115,7 +115,7 @@ def _sums(field: SurfaceField | CodeField, lists: tuple, poses: Array, batch_siz
         return _sums_at_once(field, lists, poses, batch_size)
     held = jax.device_put(field)
     found = sum_over_pieces(partial(_sums_of_piece, held), [np.asarray(a) for a in lists], np.asarray(poses))
-    return jnp.asarray(found, jnp.float32)
+    return found.astype(np.float32)
 
 
 def surface_evidence(
@@ -162,7 +162,8 @@ def surface_evidence(
     block = Block(jnp.asarray(dims), jnp.asarray(origin), jnp.asarray(voxel_size, jnp.float32))
     field = SurfaceField(codes, keys, block, surface_normals, jnp.asarray(is_signed, jnp.bool_))
     sums = _sums(field, (points, normals, weights), poses, batch_size)
-    return sums[:, :4], sums[:, jnp.asarray([4, 5, 6, 5, 7, 8, 6, 8, 9])].reshape(-1, 3, 3)
+    information = sums[:, np.asarray([4, 5, 6, 5, 7, 8, 6, 8, 9])].reshape(-1, 3, 3)
+    return jax.device_put((sums[:, :4], information))
 
 
 def score_poses(
@@ -192,4 +193,4 @@ def score_poses(
         For each pose the sums of the weights that hit, conflict, and are known but undecided.
     """
     block = Block(jnp.asarray(dims), jnp.asarray(origin), jnp.asarray(voxel_size, jnp.float32))
-    return _sums(CodeField(codes, block), (points, weights), poses, batch_size)
+    return jax.device_put(_sums(CodeField(codes, block), (points, weights), poses, batch_size))

@@ -5,6 +5,7 @@ Octant o has bit i set where it lies on the negative side of plane i. Seen from 
 face if it is occupied and the space just before it is free.
 """
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -13,13 +14,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32, Int32, UInt8
 
-from .._buckets import flat_block
+from .._buckets import pad_rows
+from .._tables import as_table, table_lengths
+from .._threads import spread
 from .._types import FREE, OCCUPIED, Array
 
 OCTANT_SIGNS = np.asarray([[1 - 2 * ((o >> i) & 1) for i in range(3)] for o in range(8)], np.int32)
 """Side of each plane on which octant o lies, int32 (8, 3)."""
 
 _CHUNK = 64
+"""Candidates of one step of the kernel."""
+
+_GROUP = 512
+"""Candidates that a core looks at, on host arrays."""
 
 
 class CornerFaces(NamedTuple):
@@ -69,8 +76,36 @@ def corner_faces(
     Returns:
         `CornerFaces`.
     """
-    flat = flat_block(states) if isinstance(states, np.ndarray) else states.reshape(-1)
-    return _flat_faces(flat, np.asarray(states.shape, np.int32), position, normals, first=first, last=last)
+    run = partial(_flat_faces, first=first, last=last)
+    shape = np.asarray(states.shape, np.int32)
+    if (
+        isinstance(states, np.ndarray)
+        and isinstance(position, np.ndarray)
+        and isinstance(normals, np.ndarray)
+    ):
+        return _faces_in_groups(run, states.reshape(-1), shape, position, normals)
+    return run(states.reshape(-1), shape, position, normals)
+
+
+def _faces_in_groups(
+    run: Callable[..., CornerFaces],
+    flat: np.ndarray,
+    shape: np.ndarray,
+    position: np.ndarray,
+    normals: np.ndarray,
+) -> CornerFaces:
+    """Any number of candidates on a block of any size, compiling nothing new."""
+    table = jax.device_put(as_table(flat, table_lengths(flat.size, 0)[0]))
+
+    def look(start: int) -> list[np.ndarray]:
+        some = slice(start, start + _GROUP)
+        count = len(position[some])
+        filled = np.broadcast_to(np.eye(3, dtype=np.float32), (_GROUP, 3, 3)).copy()
+        filled[:count] = normals[some]
+        return [np.asarray(a)[:count] for a in run(table, shape, pad_rows(position[some], _GROUP), filled)]
+
+    groups = spread(look, range(0, max(len(position), 1), _GROUP))
+    return CornerFaces(*(np.concatenate(part) for part in zip(*groups, strict=True)))
 
 
 @partial(jax.jit, static_argnames=("first", "last"))

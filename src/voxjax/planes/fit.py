@@ -10,7 +10,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Bool, Float, Float32, Int32
 
-from .._buckets import bucket_size, pad_rows
+from .._buckets import pad_rows, wide_bucket_size
 from .._types import Array
 from ..ops.eigen import symmetric_eigen
 
@@ -69,7 +69,7 @@ def fit_planes(
         `Planes` with a capacity of the next bucket, row i for label i.
     """
     num = int(labels.max(initial=-1)) + 1
-    capacity, length = bucket_size(num, 256), bucket_size(len(points), 16_384)
+    capacity, length = wide_bucket_size(num, 256), wide_bucket_size(len(points), 32_768)
     middle = points.mean(axis=0, dtype=np.float64) if len(points) else np.zeros(3)
     local = pad_rows((points - middle).astype(np.float32), length)
     label = pad_rows(np.where(labels >= 0, labels, capacity).astype(np.int32), length, fill=capacity)

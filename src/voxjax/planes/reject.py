@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int32
 from scipy.spatial import KDTree
 
-from .._buckets import bucket_size, pad_rows
+from .._buckets import pad_rows, wide_bucket_size
 from .._types import Array
 
 NUM_CANDIDATES = 6
@@ -94,7 +94,7 @@ def reject_corners(
     middle = points.mean(axis=0, dtype=np.float64)
     local = (points - middle).astype(np.float32)
     offsets = (plane_offsets - plane_normals.astype(np.float64) @ middle).astype(np.float32)
-    size = bucket_size(n)
+    size = wide_bucket_size(n, 256)
     padded = pad_rows(beside, size, fill=-1)
     column = np.maximum(padded, 0)
     good, chosen, far = nearest_three_planes(

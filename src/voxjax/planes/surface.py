@@ -4,7 +4,6 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
-from .._buckets import bucket_size, pad_rows
 from ..grid import VoxelGrid
 from ..ops.moments import surface_moments
 from .neighbours import neighbour_pairs
@@ -44,11 +43,7 @@ def find_surface(grid: VoxelGrid, *, size: int = 7, reach: int = 3, min_neighbou
         `Surface`. In a map without free space every voxel has one element, not signed.
     """
     index = grid.occupied_index()
-    padded = pad_rows(index, bucket_size(len(index), 1024))
-    moments = [
-        np.asarray(a)[: len(index)]
-        for a in surface_moments(np.asarray(grid.states), padded, size=size, reach=reach)
-    ]
+    moments = map(np.asarray, surface_moments(np.asarray(grid.states), index, size=size, reach=reach))
     normal, curvature, num_occupied, has_free, _, distance = moments
     forward, backward = distance.T.astype(np.int32)
     is_solid = num_occupied >= min_neighbours

@@ -1,10 +1,15 @@
 """Candidate poses from matches of local descriptors: mutual matches, their agreement, cliques, poses."""
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 from jaxtyping import Float32, Int32
 
-from .._buckets import bucket_size, pad_rows
+from .._buckets import pad_rows, wide_bucket_size
 from .._checks import InputError
+from .._threads import spread
+from .._types import Array
 from ..matching.descriptors import DescriptorLevel, MapDescriptors, match_descriptors
 from ..ops.consensus import agreement_matrix, greedy_cliques, matches_under_poses, poses_from_matches
 
@@ -23,6 +28,9 @@ parts are taken one after the other (repeated rooms fill the first with false ma
 DISTINCT_DEGREES = 10.0
 DISTINCT_SPACINGS = 3.0
 """Poses nearer to each other than both are one hypothesis; refinement brings them together anyway."""
+
+_GROUP = 64
+"""Poses that a core fits at a time."""
 
 Matches = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
@@ -126,22 +134,22 @@ def _densest(agreement: np.ndarray, is_left: np.ndarray) -> np.ndarray:
 
 def _poses_of_part(agreement: np.ndarray, nodes: np.ndarray, matches: Matches) -> np.ndarray:
     """Poses of the cliques grown from each of some matches, within them."""
-    size = bucket_size(len(nodes), 256)
+    size = wide_bucket_size(len(nodes), 256)
     dense = np.zeros((size, size), bool)
     dense[: len(nodes), : len(nodes)] = agreement[np.ix_(nodes, nodes)]
     members, sizes = map(np.asarray, greedy_cliques(dense))
     seeds = np.argsort(-sizes[: len(nodes)], kind="stable")[:MAX_SEEDS]
     seeds = seeds[sizes[seeds] >= 3]
-    weights = pad_rows(members[seeds].astype(np.float32), bucket_size(len(seeds), 32))
-    part = [pad_rows(values[nodes], size) for values in matches[:4]]
-    poses = poses_from_matches(*part, weights, normal_weight=float(matches[4].min()) ** 2)
-    return np.asarray(poses)[: len(seeds)]
+    part = [pad_rows(values[nodes], MAX_NODES) for values in matches[:4]]
+    weights = np.zeros((len(seeds), MAX_NODES), np.float32)
+    weights[:, :size] = members[seeds]
+    return _in_groups(partial(poses_from_matches, *part, normal_weight=_normal_weight(matches)), weights)
 
 
 def _agreement(matches: Matches) -> np.ndarray:
     """Agreement matrix of all matches, without padding."""
     count = len(matches[4])
-    size = bucket_size(count, 256)
+    size = wide_bucket_size(count, 512)
     *sides, tolerance = (pad_rows(values, size) for values in matches)
     agreement = agreement_matrix(
         *sides, np.arange(size) < count, distance_tolerance=tolerance, cosine_tolerance=COSINE_TOLERANCE
@@ -151,19 +159,37 @@ def _agreement(matches: Matches) -> np.ndarray:
 
 def _rank_poses(poses: np.ndarray, matches: Matches, rounds: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """Refit each pose to all matches it explains; poses and their numbers of separate places, best first."""
-    count, size = len(matches[4]), bucket_size(len(matches[4]), 256)
-    *sides, tolerance = (pad_rows(values, size) for values in matches)
-    padded = pad_rows(poses, bucket_size(len(poses), 32))
-    mask = np.arange(size) < count
-    options = {"distance_tolerance": tolerance, "min_cosine": MIN_COSINE}
+    count = len(matches[4])
+    *sides, tolerance = (pad_rows(values, MAX_MATCHES) for values in matches)
+    mask = np.arange(MAX_MATCHES) < count
+
+    def explain(some: np.ndarray) -> Array:
+        return matches_under_poses(
+            some, *sides, mask, distance_tolerance=tolerance, min_cosine=np.float32(MIN_COSINE)
+        )
+
+    refit = partial(poses_from_matches, *sides, normal_weight=_normal_weight(matches))
     for _ in range(rounds):
-        weights = np.asarray(matches_under_poses(padded, *sides, mask, **options)).astype(np.float32)
-        padded = poses_from_matches(*sides, weights, normal_weight=float(matches[4].min()) ** 2)
-    explained = np.asarray(matches_under_poses(padded, *sides, mask, **options))[: len(poses), :count]
+        poses = _in_groups(refit, _in_groups(explain, poses).astype(np.float32))
+    explained = _in_groups(explain, poses)[:, :count]
     places = _count_places(explained, matches)
     order = np.argsort(-places, kind="stable")
     order = order[places[order] >= 3]
-    return np.asarray(padded)[order], places[order]
+    return poses[order], places[order]
+
+
+def _normal_weight(matches: Matches) -> np.float32:
+    return np.float32(float(matches[4].min()) ** 2)
+
+
+def _in_groups(function: Callable[[np.ndarray], Array], rows: np.ndarray) -> np.ndarray:
+    """A function of 64 rows applied to any number of them, side by side."""
+
+    def run(start: int) -> np.ndarray:
+        some = rows[start : start + _GROUP]
+        return np.asarray(function(pad_rows(some, _GROUP)))[: len(some)]
+
+    return np.concatenate(spread(run, range(0, max(len(rows), 1), _GROUP)))
 
 
 def _count_places(explained: np.ndarray, matches: Matches) -> np.ndarray:

@@ -10,7 +10,7 @@ import optimistix as optx
 from jaxtyping import Bool, Float, Float32, Int32
 from scipy.spatial import KDTree
 
-from .._buckets import bucket_size, pad_rows
+from .._buckets import pad_rows, wide_bucket_size
 from .._types import Array
 from ..matching.common_subgraph import Align, kabsch
 from .residuals import move_about, robustify
@@ -90,7 +90,7 @@ def align_matches(
     """
     T_a_b = kabsch(points_a, points_b).astype(np.float32)
     rows = neighbours.beside(points_b, radius=radius, count=MAX_NEIGHBOURS)
-    size = bucket_size(len(points_a) + len(rows), 256)
+    size = wide_bucket_size(len(points_a) + len(rows), 256)
     converged = True
     for reach in np.geomspace(4.0, 1.5, NUM_ROUNDS) * neighbours.voxel_size:
         more_a, more_b = neighbours.pairs(rows, T_a_b, reach)

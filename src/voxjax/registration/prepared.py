@@ -79,7 +79,7 @@ class PreparedMap(eqx.Module):
     @property
     def block(self) -> tuple[Array, Array, Array]:
         """Dims, origin and voxel size, as the lookups take them."""
-        return self.dims, jnp.asarray(self.grid.origin), jnp.float32(self.grid.voxel_size)
+        return self.dims, np.asarray(self.grid.origin), np.asarray(self.grid.voxel_size, np.float32)
 
     @property
     def coarse_factor(self) -> int:
@@ -152,8 +152,8 @@ def prepare_map(grid: VoxelGrid) -> PreparedMap:
         codes=_codes(flat, keys, states.size, (HIT_SQ, CLEAR_SQ)),
         rough_codes=_codes(flat, keys, states.size, _coarse_bounds(_coarse_factor(grid.voxel_size))),
         states=flat,
-        dims=jnp.asarray(states.shape, jnp.int32),
-        centroid=jnp.asarray(points.mean(axis=0, dtype=np.float64).astype(np.float32)),
+        dims=jax.device_put(np.asarray(states.shape, np.int32)),
+        centroid=jax.device_put(points.mean(axis=0, dtype=np.float64).astype(np.float32)),
     )
 
 

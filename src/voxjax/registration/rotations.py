@@ -9,9 +9,10 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Bool, Float, Float32, Int32
 
-from .._buckets import bucket_size, pad_rows
+from .._buckets import pad_rows
+from .._threads import spread
 from .._types import Array
 
 NUM_SAMPLES = 512
@@ -23,6 +24,9 @@ MAX_VOTERS = 10_000
 ROUGH_STRIDE = 4
 """One in so many of the normals sharpens the seeds, of which most lead to the same few rotations; all normals then
 sharpen those few and rank them."""
+
+_GROUP = 32
+"""Rotations that a core sharpens at a time."""
 
 KERNEL = 60.0
 """Concentration of the kernel exp(k (cos - 1)) between normals: about 7.4 degrees."""
@@ -108,18 +112,27 @@ def pair_rotations(
     return np.reshape(np.asarray(rotations), (-1, 3, 3))
 
 
-@partial(jax.jit, static_argnames=("is_signed", "num_steps"))
+@partial(jax.jit, static_argnames="num_steps")
 def sharpen_rotations(
     normals_a: Float32[Array, "n 3"],
     normals_b: Float32[Array, "m 3"],
     rotations: Float32[Array, "k 3 3"],
+    count: Int32[Array, ""] | np.int32,
+    is_signed: Bool[Array, ""] | bool,
     *,
-    is_signed: bool,
     num_steps: int = 6,
 ) -> tuple[Float32[Array, "k 3 3"], Float32[Array, "k"]]:
     """Climb from each rotation to the nearest mode of the agreement of the normals.
 
     Each step solves the orthogonal Procrustes problem with the kernel weights of the step before.
+
+    Args:
+        normals_a: Unit normals of a.
+        normals_b: Unit normals of b.
+        rotations: Starts, b into a.
+        count: How many of them; the others are left as they are.
+        is_signed: Whether the sign of the normals means something in both maps.
+        num_steps: Fixed number of steps.
 
     Returns:
         Rotations and their agreement: the mean kernel value over all pairs of normals.
@@ -127,7 +140,7 @@ def sharpen_rotations(
 
     def kernel(rotation: Array) -> tuple[Array, Array]:
         cosine = normals_a @ (normals_b @ rotation.T).T
-        sign = jnp.ones_like(cosine) if is_signed else jnp.where(cosine < 0, -1.0, 1.0).astype(jnp.float32)
+        sign = jnp.where(jnp.asarray(is_signed) | (cosine >= 0), 1.0, -1.0).astype(jnp.float32)
         return jnp.exp(KERNEL * (cosine * sign - 1.0)), sign
 
     def climb(rotation: Array, _: object) -> tuple[Array, None]:
@@ -136,11 +149,13 @@ def sharpen_rotations(
         det = jnp.linalg.det(u @ vt)
         return u @ (vt * jnp.stack([jnp.ones_like(det), jnp.ones_like(det), det])[:, None]), None
 
-    def sharpen(rotation: Array) -> tuple[Array, Array]:
-        rotation = jax.lax.scan(climb, rotation, None, length=num_steps)[0]
-        return rotation, jnp.mean(kernel(rotation)[0], dtype=jnp.float32)
+    def sharpen(i: Array, found: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        rotation = jax.lax.scan(climb, found[0][i], None, length=num_steps)[0]
+        agreement = jnp.mean(kernel(rotation)[0], dtype=jnp.float32)
+        return found[0].at[i].set(rotation), found[1].at[i].set(agreement)
 
-    return jax.lax.map(sharpen, rotations, batch_size=4)
+    start = jnp.asarray(rotations), jnp.zeros(rotations.shape[0], jnp.float32)
+    return jax.lax.fori_loop(0, count, sharpen, start)
 
 
 def distinct_rotations(
@@ -207,10 +222,14 @@ def rotation_hypotheses(
 def _sharpen(
     samples_a: np.ndarray, samples_b: np.ndarray, rotations: np.ndarray, is_signed: bool, num_steps: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """`sharpen_rotations`, padded to a rung of the ladder."""
-    padded = pad_rows(rotations.astype(np.float32), bucket_size(len(rotations), 64))
-    padded[len(rotations) :] = np.eye(3, dtype=np.float32)
-    sharp, agreement = sharpen_rotations(
-        samples_a, samples_b, padded, is_signed=is_signed, num_steps=num_steps
-    )
-    return np.asarray(sharp)[: len(rotations)], np.asarray(agreement, np.float64)[: len(rotations)]
+    """`sharpen_rotations`, in groups of one size, side by side."""
+
+    def run(first: int) -> tuple[np.ndarray, np.ndarray]:
+        some = rotations[first : first + _GROUP].astype(np.float32)
+        sharp, agreement = sharpen_rotations(
+            samples_a, samples_b, pad_rows(some, _GROUP), np.int32(len(some)), is_signed, num_steps=num_steps
+        )
+        return np.asarray(sharp)[: len(some)], np.asarray(agreement, np.float64)[: len(some)]
+
+    sharp, agreement = zip(*spread(run, range(0, len(rotations), _GROUP)), strict=True)
+    return np.concatenate(sharp), np.concatenate(agreement)
