@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 import voxjax as vx
 from oracles import fusion as oracle
 from voxjax import InputError, VoxelGrid
+from voxjax.fusion.fuse import fuse_memory
 
 SIZE = 0.1
 I = np.eye(4)
@@ -163,3 +164,15 @@ def test_misuse_is_refused_in_one_sentence():
     ):
         with pytest.raises(InputError, match=sentence):
             call()
+
+
+@pytest.mark.parametrize("rule", ["keep", "log_odds"])
+def test_a_fused_map_that_memory_will_not_hold_is_refused_before_it_is_made(monkeypatch, rule):
+    near, far = VoxelGrid(np.ones((4, 4, 4), np.uint8), np.zeros(3), SIZE), np.eye(4)
+    far[:3, 3] = 60 * SIZE
+    need = fuse_memory(64**3, [near.states.size] * 2, has_log_odds=rule == "log_odds")
+    monkeypatch.setenv("VOXJAX_MEMORY", str(1.01 * need / 1e9))
+    assert vx.fuse([near, near], [I, far], rule=rule).shape == (64, 64, 64)
+    monkeypatch.setenv("VOXJAX_MEMORY", str(0.99 * need / 1e9))
+    with pytest.raises(InputError, match=r"64 x 64 x 64 voxels of 0\.1 m needs about .* larger voxel_size"):
+        vx.fuse([near, near], [I, far], rule=rule)

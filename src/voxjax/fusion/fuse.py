@@ -8,10 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._checks import InputError, check_choice, check_pose, check_positive
+from .._memory import check_memory
 from ..grid import VoxelGrid
 from ..ops.lattice import check_num_voxels, moved_bounds, origin_of_cell
 from ..ops.resample import chunk_size, flat_source, lookup_chunk, source_from_target, take_flat
 from .rules import RULES, fuse_keep, fuse_log_odds, fuse_paper, log_odds_of_states
+
+FUSE_FIXED = 0.2e9
+"""Compiled kernels, and the chunks that are worked on [byte]."""
 
 
 def fuse(
@@ -40,7 +44,7 @@ def fuse(
 
     Raises:
         InputError: If there is no map, a pose is missing or not rigid, or the fused map would have more than
-            2**31 - 1 voxels.
+            2**31 - 1 voxels or need more memory than there is (`fuse_memory`).
     """
     grids, matrices = _checked(grids, poses)
     if rule is None:
@@ -59,9 +63,12 @@ def fuse(
         return VoxelGrid(np.zeros((1, 1, 1), np.uint8), np.zeros(3, np.float32), voxel_size)
     low = np.min([low for low, _ in filled], axis=0)
     shape = np.max([high for _, high in filled], axis=0) - low
-    check_num_voxels(
-        shape, "the fused map", "check the poses, leave out far maps, or give a larger voxel_size"
+    advice = "check the poses, leave out far maps, or give a larger voxel_size"
+    check_num_voxels(shape, "the fused map", advice)
+    need = fuse_memory(
+        int(np.prod(shape)), [grid.states.size for grid in grids], has_log_odds=rule == "log_odds"
     )
+    check_memory(need, f"a fused map of {' x '.join(map(str, shape))} voxels of {voxel_size:g} m", advice)
     sources = [
         _source(grid, T, voxel_size, low, bound)
         for grid, T, bound in zip(grids, matrices, bounds, strict=True)
@@ -69,6 +76,18 @@ def fuse(
     ]
     states, log_odds = _fuse_chunks(sources, shape, rule)
     return VoxelGrid(states, origin_of_cell(low, voxel_size), voxel_size, log_odds)
+
+
+def fuse_memory(num_fused: int, num_voxels: Sequence[int], *, has_log_odds: bool) -> float:
+    """Estimated peak beside the maps themselves and the running process [byte]; `python -m bench memory` measures it.
+
+    Args:
+        num_fused: Voxels of the fused map: its states, the mask that counts them, its log-odds.
+        num_voxels: Voxels of each map, padded by up to a half and copied to the device.
+        has_log_odds: Whether log-odds are fused.
+    """
+    per_voxel = 5 if has_log_odds else 1
+    return FUSE_FIXED + num_fused * (per_voxel + 1.0) + 1.5 * per_voxel * (sum(num_voxels) + max(num_voxels))
 
 
 class _Source(NamedTuple):

@@ -1,0 +1,105 @@
+"""Memory that registering maps takes, known before it begins."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from .._memory import GIGABYTE, check_memory, memory_limit
+from .._types import OCCUPIED
+from ..grid import VoxelGrid
+
+FIXED = 0.6 * GIGABYTE
+"""Compiled kernels and what compiling them takes [byte]; the process has 0.2 GB before."""
+
+KEPT_PER_VOXEL, KEPT_PER_OCCUPIED = 9.0, 100.0
+"""What the features of a map hold while it has pairs to come: fields for each voxel of the box around what is known,
+lists for each occupied one [byte]."""
+
+WORK_PER_VOXEL, WORK_PER_OCCUPIED = 9.0, 400.0
+"""What the two maps of a pair take beside that while they are worked on [byte]."""
+
+
+class MapSize(NamedTuple):
+    """What the memory of a map depends on.
+
+    Attributes:
+        sides: Of its block [voxel].
+        occupied: Number of occupied voxels.
+        voxel_size: Of the map [m].
+    """
+
+    sides: tuple[int, ...]
+    occupied: int
+    voxel_size: float
+
+    def at(self, voxel_size: float) -> tuple[float, float]:
+        """Number of voxels and of occupied voxels at another voxel size [m]: the first a bound, the second about."""
+        ratio = self.voxel_size / voxel_size
+        # Occupied voxels are surfaces: in coarser maps they get fewer by the square; in finer ones they are split.
+        return float(np.prod([side * ratio + 1 for side in self.sides])), self.occupied * ratio ** (
+            2 if ratio < 1 else 3
+        )
+
+
+def check_register_memory(grids: Sequence[VoxelGrid], voxel_size: float) -> None:
+    """Raise if there is not enough memory to register maps with each other, before the work begins.
+
+    Costs a pass over each map, and a few more only where the estimate for uncropped maps does not fit.
+
+    Args:
+        grids: All maps that are kept at the same time; each pair of them is registered.
+        voxel_size: At which they are compared [m].
+
+    Raises:
+        InputError: If they need more than there is (see `voxjax._memory.check_memory`).
+    """
+    limit = memory_limit()
+    if limit is None:
+        return
+    counts = [int(np.count_nonzero(np.asarray(grid.states) == OCCUPIED)) for grid in grids]
+    sizes = [MapSize(grid.shape, n, grid.voxel_size) for grid, n in zip(grids, counts, strict=True)]
+    if register_memory(sizes, voxel_size) <= limit:
+        return
+    # Features are of the box around what is known.
+    sizes = [
+        size._replace(sides=_known_sides(np.asarray(g.states))) for g, size in zip(grids, sizes, strict=True)
+    ]
+    scaled = [size.at(voxel_size) for size in sizes]
+    check_memory(
+        register_memory(sizes, voxel_size),
+        f"registering {len(grids)} maps of together {sum(voxels for voxels, _ in scaled) / 1e6:,.3g} million voxels of "
+        f"{voxel_size:g} m",
+        f"take {_larger(sizes, voxel_size, limit)}, crop the maps, or work tile by tile (voxjax.ops.map_tiles)",
+    )
+
+
+def register_memory(sizes: Sequence[MapSize], voxel_size: float) -> float:
+    """Estimated peak beside the maps themselves and the running process [byte].
+
+    Args:
+        sizes: Of all maps whose features are kept.
+        voxel_size: At which they are compared [m].
+    """
+    scaled = [size.at(voxel_size) for size in sizes]
+    kept = [KEPT_PER_VOXEL * voxels + KEPT_PER_OCCUPIED * occupied for voxels, occupied in scaled]
+    work = sorted(WORK_PER_VOXEL * voxels + WORK_PER_OCCUPIED * occupied for voxels, occupied in scaled)
+    return FIXED + sum(kept) + sum(work[-2:])
+
+
+def _known_sides(states: np.ndarray) -> tuple[int, ...]:
+    """Sides of the box around what is known [voxel]."""
+    sides = []
+    for axis in range(3):
+        hit = np.flatnonzero(states.any(axis=tuple(other for other in range(3) if other != axis)))
+        sides.append(int(hit[-1] - hit[0]) + 1 if hit.size else 0)
+    return tuple(sides)
+
+
+def _larger(sizes: Sequence[MapSize], voxel_size: float, limit: float) -> str:
+    """A voxel size that fits, as advice."""
+    for factor in (2, 4, 8):
+        need = register_memory(sizes, factor * voxel_size)
+        if need <= limit:
+            return f"a voxel size of {factor * voxel_size:g} m (about {need / GIGABYTE:.2g} GB)"
+    return "a larger voxel size"

@@ -1,0 +1,66 @@
+"""What registering takes, and who is told."""
+
+import numpy as np
+import pytest
+
+from voxjax import InputError, VoxelGrid
+from voxjax.pipeline.memory_need import FIXED, MapSize, check_register_memory, register_memory
+
+
+def _grid(sides, *, known=None, voxel_size=0.1):
+    """A block whose first `known` voxels along each axis are free, with an occupied floor."""
+    states = np.zeros(sides, np.uint8)
+    states[tuple(slice(side) for side in known or sides)] = 1
+    states[: (known or sides)[0], : (known or sides)[1], 0] = 2
+    return VoxelGrid(states, np.zeros(3, np.float32), voxel_size)
+
+
+def _allow(monkeypatch, bytes_):
+    monkeypatch.setenv("VOXJAX_MEMORY", str(bytes_ / 1e9))
+
+
+def _need(*grids, voxel_size=0.1):
+    return register_memory([MapSize(g.shape, g.num_occupied, g.voxel_size) for g in grids], voxel_size)
+
+
+def test_what_fits_is_let_through_and_what_does_not_is_refused(monkeypatch):
+    grids = [_grid((90, 80, 70)), _grid((60, 50, 40))]
+    need = _need(*grids)
+    _allow(monkeypatch, 1.01 * need)
+    check_register_memory(grids, 0.1)
+    _allow(monkeypatch, 0.99 * need)
+    with pytest.raises(InputError, match=r"registering 2 maps .* needs about .* GB .* voxel size of 0\.2 m"):
+        check_register_memory(grids, 0.1)
+
+
+def test_only_the_box_around_what_is_known_counts(monkeypatch):
+    inner = _grid((20, 30, 10))
+    _allow(monkeypatch, 1.01 * _need(inner, inner))
+    check_register_memory([_grid((300, 200, 100), known=(20, 30, 10))] * 2, 0.1)
+
+
+def test_a_coarser_working_size_needs_less(monkeypatch):
+    grids = [_grid((200, 200, 100))] * 2
+    _allow(monkeypatch, 0.9 * _need(*grids))
+    check_register_memory(grids, 0.2)
+    with pytest.raises(InputError):
+        check_register_memory(grids, 0.05)
+
+
+def test_maps_that_wait_cost_less_than_the_pair_at_work():
+    size = MapSize((500, 500, 100), 300_000, 0.1)
+    two, three, four = (register_memory([size] * n, 0.1) - FIXED for n in (2, 3, 4))
+    assert four - three == pytest.approx(three - two)
+    assert 0 < three - two < two / 2
+
+
+def test_nothing_sensible_fits(monkeypatch):
+    _allow(monkeypatch, 1e6)
+    with pytest.raises(InputError, match="take a larger voxel size, crop the maps"):
+        check_register_memory([_grid((9, 9, 9))] * 2, 0.1)
+
+
+def test_a_map_of_unknown_voxels_needs_hardly_anything(monkeypatch):
+    empty = VoxelGrid(np.zeros((200, 200, 200), np.uint8), np.zeros(3, np.float32), 0.1)
+    _allow(monkeypatch, FIXED + 1e4)
+    check_register_memory([empty, empty], 0.1)
