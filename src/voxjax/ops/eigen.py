@@ -1,7 +1,7 @@
-"""Closed-form eigen decomposition of symmetric 3x3 matrices, batched.
+"""Closed-form eigen decomposition of symmetric 3x3 matrices, batched, with gradients that are finite everywhere.
 
-`symmetric_eigen` takes any batch and is what the stages of registration rest on. `eigen_by_columns` takes the six
-entries as columns, which a CPU runs several times faster, says which vectors are defined, and has finite gradients.
+`eigen_by_columns` takes the six entries as columns, which a CPU runs several times faster than matrices;
+`symmetric_eigen` is the same for batches of matrices.
 """
 
 from functools import partial
@@ -15,109 +15,23 @@ from jaxtyping import Bool, Float
 from .._types import Array
 
 
-def symmetric_eigenvalues(matrix: Float[Array, "*n 3 3"]) -> Float[Array, "*n 3"]:
-    """Eigenvalues in ascending order, by the trigonometric formula.
-
-    Args:
-        matrix: Symmetric; scale is removed inside, so any unit will do.
-
-    Returns:
-        Eigenvalues, same dtype.
-    """
-    scale = jnp.max(jnp.abs(matrix), axis=(-2, -1))
-    scale_safe = jnp.where(scale > 0.0, scale, jnp.ones_like(scale))
-    m = matrix / scale_safe[..., None, None]
-    mean = (m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2]) / 3.0
-    shifted = m - mean[..., None, None] * jnp.broadcast_to(jnp.eye(3, dtype=m.dtype), m.shape)
-    spread = jnp.sqrt(jnp.sum(shifted * shifted, axis=(-2, -1)) / 6.0)
-    spread_safe = jnp.where(spread > 1e-7, spread, jnp.ones_like(spread))
-    unit = shifted / spread_safe[..., None, None]
-    half_det = jnp.clip(0.5 * _determinant(unit), -1.0, 1.0)
-    angle = jnp.arccos(half_det) / 3.0
-    high = mean + 2.0 * spread * jnp.cos(angle)
-    low = mean + 2.0 * spread * jnp.cos(angle + 2.0943951023931953)
-    return jnp.stack([low, 3.0 * mean - low - high, high], axis=-1) * scale[..., None]
-
-
-def _determinant(m: Array) -> Array:
-    return jnp.sum(m[..., 0, :] * jnp.cross(m[..., 1, :], m[..., 2, :]), axis=-1)
-
-
-def _null_direction(m: Array) -> tuple[Array, Array]:
-    """Unit vector nearest to the null space of a singular matrix, and whether it is well defined."""
-    crosses = jnp.stack([jnp.cross(m[..., i, :], m[..., j, :]) for i, j in ((0, 1), (1, 2), (2, 0))], axis=-2)
-    squares = jnp.sum(crosses * crosses, axis=-1)
-    best = jnp.argmax(squares, axis=-1)
-    vector = jnp.take_along_axis(crosses, best[..., None, None], axis=-2)[..., 0, :]
-    square = jnp.max(squares, axis=-1)
-    is_defined = square > 1e-12
-    norm = jnp.sqrt(jnp.where(is_defined, square, jnp.ones_like(square)))
-    return vector / norm[..., None], is_defined
-
-
-@jax.jit
-def symmetric_eigen(matrix: Float[Array, "*n 3 3"]) -> tuple[Float[Array, "*n 3"], Float[Array, "*n 3 3"]]:
-    """Eigenvalues (ascending) and eigenvectors of symmetric 3x3 matrices.
-
-    Args:
-        matrix: Symmetric matrices.
-
-    Returns:
-        Values (n, 3) and vectors (n, 3, 3) whose row i belongs to value i; rows are orthonormal. Where two
-        values coincide, any orthonormal basis of their plane is given.
-    """
-    values = symmetric_eigenvalues(matrix)
-    scale = jnp.max(jnp.abs(matrix), axis=(-2, -1))
-    scale_safe = jnp.where(scale > 0.0, scale, jnp.ones_like(scale))[..., None, None]
-    m, w = matrix / scale_safe, values / scale_safe[..., 0]
-    identity = jnp.broadcast_to(jnp.eye(3, dtype=m.dtype), m.shape)
-    # The end of the spectrum that stands further apart gives a vector that is well conditioned.
-    is_low_apart = (w[..., 1] - w[..., 0]) >= (w[..., 2] - w[..., 1])
-    lone = jnp.where(is_low_apart, w[..., 0], w[..., 2])
-    first, is_defined = _null_direction(m - lone[..., None, None] * identity)
-    first = jnp.where(is_defined[..., None], first, jnp.asarray([0.0, 0.0, 1.0], m.dtype))
-    # Two vectors span the rest; a 2x2 problem inside it gives the other two.
-    axis = jnp.argmin(jnp.abs(first), axis=-1)
-    helper = jnp.cross(first, jax.nn.one_hot(axis, 3, dtype=m.dtype))
-    u = helper / jnp.linalg.norm(helper, axis=-1, keepdims=True)
-    v = jnp.cross(first, u)
-    uu, vv, uv = (_form(m, a, b) for a, b in ((u, u), (v, v), (u, v)))
-    is_round = jnp.abs(uv) + jnp.abs(uu - vv) < 1e-12
-    turn = 0.5 * jnp.arctan2(
-        jnp.where(is_round, jnp.zeros_like(uv), 2.0 * uv), jnp.where(is_round, 1.0, uu - vv)
-    )
-    cos, sin = jnp.cos(turn)[..., None], jnp.sin(turn)[..., None]
-    large, small = cos * u + sin * v, cos * v - sin * u
-    rows = jnp.where(
-        is_low_apart[..., None, None],
-        jnp.stack([first, small, large], axis=-2),
-        jnp.stack([small, large, first], axis=-2),
-    )
-    return values, rows
-
-
-def _form(m: Array, a: Array, b: Array) -> Array:
-    """The number a^T m b of each matrix."""
-    return jnp.einsum("...i,...ij,...j->...", a, m, b)
-
-
 class EigenColumns(NamedTuple):
     """Eigenvalues and eigenvectors, one row each, one column a matrix.
 
     Attributes:
-        values: (3, n), ascending.
-        vectors: (3, 3, n): row i is the unit vector of value i, its second axis x, y, z.
-        is_defined: bool (3, n): whether value i stands apart from the others by more than the tolerance, so that its
+        values: (3, *n), ascending.
+        vectors: (3, 3, *n): row i is the unit vector of value i, its second axis x, y, z.
+        is_defined: bool (3, *n): whether value i stands apart from the others by more than the tolerance, so that its
             vector is determined up to the sign; elsewhere it is some vector of an orthonormal basis.
     """
 
-    values: Float[Array, "3 n"]
-    vectors: Float[Array, "3 3 n"]
-    is_defined: Bool[Array, "3 n"]
+    values: Float[Array, "3 *n"]
+    vectors: Float[Array, "3 3 *n"]
+    is_defined: Bool[Array, "3 *n"]
 
 
 def eigen_by_columns(
-    entries: Float[Array, "6 n"], *, tolerance: float | Float[Array, ""] = 1e-3
+    entries: Float[Array, "6 *n"], *, tolerance: float | Float[Array, ""] = 1e-3
 ) -> EigenColumns:
     """Decompose symmetric 3x3 matrices given by the columns of their entries.
 
@@ -141,7 +55,23 @@ def eigen_by_columns(
     return EigenColumns(values, vectors, _stands_apart(values, jnp.asarray(tolerance, entries.dtype)))
 
 
-def _stands_apart(values: Array, tolerance: Array) -> Bool[Array, "3 n"]:
+@jax.jit
+def symmetric_eigen(matrix: Float[Array, "*n 3 3"]) -> tuple[Float[Array, "*n 3"], Float[Array, "*n 3 3"]]:
+    """Eigenvalues (ascending) and eigenvectors of symmetric 3x3 matrices, by `eigen_by_columns`.
+
+    Args:
+        matrix: Symmetric matrices; what lies below the diagonal is not read.
+
+    Returns:
+        Values (*n, 3) and vectors (*n, 3, 3) whose row i belongs to value i; rows are orthonormal. Where two
+        values coincide, some orthonormal basis of their plane is given.
+    """
+    pairs = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+    eigen = eigen_by_columns(jnp.stack([matrix[..., i, j] for i, j in pairs]))
+    return jnp.moveaxis(eigen.values, 0, -1), jnp.moveaxis(eigen.vectors, (0, 1), (-2, -1))
+
+
+def _stands_apart(values: Array, tolerance: Array) -> Bool[Array, "3 *n"]:
     """Whether each value differs from both others by more than the tolerance."""
     least = tolerance * jnp.maximum(jnp.abs(values[0]), jnp.abs(values[2]))
     is_low, is_high = values[1] - values[0] > least, values[2] - values[1] > least
@@ -162,19 +92,19 @@ def _decompose_jvp(
     values, vectors = _decompose(entries, tolerance)
     xx, yy, zz, xy, xz, yz = tangents[0]
     change = jnp.stack([jnp.stack([xx, xy, xz]), jnp.stack([xy, yy, yz]), jnp.stack([xz, yz, zz])])
-    inner = jnp.einsum("ian,abn,jbn->ijn", vectors, change, vectors)
+    inner = jnp.einsum("ia...,ab...,jb...->ij...", vectors, change, vectors)
     gap = values[None, :] - values[:, None]
     scale = tolerance * jnp.maximum(jnp.abs(values[0]), jnp.abs(values[2]))
     is_apart = jnp.abs(gap) > scale[None, None]
     turn = jnp.where(is_apart, inner, 0) / jnp.where(is_apart, gap, 1)
-    moved = jnp.einsum("ijn,ian->jan", turn, vectors)
+    moved = jnp.einsum("ij...,ia...->ja...", turn, vectors)
     diagonal = jnp.stack([inner[k, k] for k in range(3)])
     return (values, vectors), (diagonal, moved)
 
 
 @partial(jax.jit, inline=True)
 def _closed_form(entries: Array) -> tuple[Array, Array]:
-    """Values (3, n) and vectors (3, 3, n)."""
+    """Values (3, *n) and vectors (3, 3, *n)."""
     dtype = entries.dtype
     scale = jnp.max(jnp.abs(entries), axis=0)
     scale_safe = jnp.where(scale > 0, scale, 1)

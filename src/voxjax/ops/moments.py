@@ -1,29 +1,32 @@
 """Surface moments at listed voxels: normal, curvature and the side on which space is free.
 
-Work grows with the number of listed voxels, but for one pass over the volume that packs the states into bits.
+Work grows with the number of listed voxels, but for one pass over the volume that packs the states into bits. Host
+arrays are worked on in pieces of one size, side by side on all cores.
 """
 
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float32, Int, Int32, Shaped, UInt8
+from jaxtyping import Bool, Float32, Int32, UInt8
 
-from .._buckets import bucket_size
-from .._checks import check_odd_window
+from .._buckets import pad_rows
+from .._checks import InputError, check_odd_window
+from .._tables import on_cpu
+from .._threads import spread
 from .._types import Array
-from .eigen import symmetric_eigen
-from .window_bits import GROUP, PackedStates, pack_states, window_sums
+from .packed_states import PackedStates, pack_on_host, pack_states
+from .window_bits import window_sums
+from .window_surface import central_sums, free_distances, principal_axes, steps_along, surface_normal
 
-_PIECE = 2048
-_PIECES = 4
-_CHUNK_ELSEWHERE = 1 << 17
-"""Rows of one step on a CPU (what it writes stays in the cache of a core) and steps of a chunk; rows of a chunk on
-other devices, whose steps are whole chunks."""
-_SMALLEST_BLOCK = 1 << 20
+_PIECE = 8192
+_PIECE_ELSEWHERE = 1 << 17
+"""Voxels of a compiled call on a CPU, and on other devices."""
+_STEP = 2048
+"""Voxels of one step on a CPU: what it writes stays in the cache of a core."""
 
 
 class SurfaceMoments(NamedTuple):
@@ -49,14 +52,29 @@ class SurfaceMoments(NamedTuple):
     free_distance: UInt8[Array, "n 2"]
 
 
+_ROWS = (
+    ((3,), np.float32),
+    ((), np.float32),
+    ((), np.int32),
+    ((), np.bool_),
+    ((), np.float32),
+    ((2,), np.uint8),
+)
+"""Shape of a row and dtype of each of the `SurfaceMoments`."""
+
+
 def surface_moments(
     states: UInt8[Array, "x y z"], index: Int32[Array, "n 3"], *, size: int = 7, reach: int = 3
 ) -> SurfaceMoments:
     """Normal, curvature and free sides of the surface at listed voxels (section III, reference 12).
 
     The normal is the eigenvector of the smallest eigenvalue of the covariance of the occupied voxels in a ball of
-    diameter `size`, and points toward the mean offset of the free voxels in it. Host arrays are padded to a rung of
-    the ladder of sizes, so that maps of other shapes compile nothing.
+    diameter `size`, and points toward the mean offset of the free voxels in it. Where the smallest eigenvalues tie, as
+    on posts and lines, all normals across fit equally well, and the one nearest to the free voxels is taken; where
+    free voxels tell neither direction nor side, the choice is fixed, the same for voxels with the same neighbourhood.
+
+    Host arrays of any shape and length share few compiled kernels; device arrays, and all under a transformation of
+    JAX, have one kernel for each shape.
 
     Args:
         states: 0 unknown, 1 free, 2 occupied.
@@ -65,85 +83,84 @@ def surface_moments(
         reach: How many steps to look for free space along the normal [voxel].
 
     Returns:
-        `SurfaceMoments`, rows as in `index`. Fewer than three voxels, or voxels on a line, leave a normal that is
-        some unit vector; `curvature` is then 0 and `num_occupied` small.
+        `SurfaceMoments`, rows as in `index`: host arrays if both arguments are, else device arrays. Fewer than three
+        voxels, or voxels on a line, say little of a surface; `curvature` is then 0 and `num_occupied` small.
 
     Raises:
-        InputError: If the size is not odd or above 25, or the reach above 12.
+        InputError: If the size is not odd or above 25, the reach above 12, or host rows are outside the grid.
     """
-    margin = max(check_odd_window("size", size) // 2, reach)
-    on_cpu = jax.default_backend() == "cpu"
-    flat, dims = _padded_host(states, margin) if isinstance(states, np.ndarray) else _padded(states, margin)
-    return _flat_moments(
-        flat,
-        dims,
-        index,
-        size=size,
-        reach=reach,
-        margin=margin,
-        chunk=_PIECE * _PIECES if on_cpu else _CHUNK_ELSEWHERE,
-        pieces=_PIECES if on_cpu else 1,
+    check_odd_window("size", size)
+    if isinstance(states, np.ndarray) and isinstance(index, np.ndarray):
+        return _by_pieces(states, index.astype(np.int32, copy=False), size=size, reach=reach)
+    return _in_one_call(jnp.asarray(states), jnp.asarray(index), size=size, reach=reach)
+
+
+def _by_pieces(
+    states: UInt8[np.ndarray, "x y z"], index: Int32[np.ndarray, "n 3"], *, size: int, reach: int
+) -> SurfaceMoments:
+    """The moments of host arrays, as host arrays."""
+    packed = pack_on_host(states, margin=_margin(size, reach))
+    packed = packed._replace(words=jax.device_put(packed.words))
+    length = _piece_length()
+    found = [np.empty((len(index), *row), dtype) for row, dtype in _ROWS]
+
+    def fill(start: int) -> None:
+        rows = index[start : start + length]
+        if (rows.view(np.uint32) >= states.shape).any():  # negative ones are large as such
+            raise InputError(f"index must hold voxels inside the grid of {states.shape} voxels.")
+        piece = rows if len(rows) == length else pad_rows(rows, length)
+        done = _moments_of_piece(packed, piece, size=size, reach=reach)
+        for target, values in zip(found, done, strict=True):
+            target[start : start + len(rows)] = np.asarray(values)[: len(rows)]
+
+    spread(fill, range(0, len(index), length))
+    return SurfaceMoments(*found)
+
+
+@partial(jax.jit, static_argnames=("size", "reach"))
+def _in_one_call(
+    states: UInt8[Array, "x y z"], index: Int32[Array, "n 3"], *, size: int, reach: int
+) -> SurfaceMoments:
+    """The moments of arrays on a device or under a transformation: one kernel for each of their shapes."""
+    packed = pack_states(states, margin=_margin(size, reach))
+    num_rows, length = index.shape[0], _piece_length()
+    num_pieces = -(-num_rows // length)
+    rows = jnp.pad(index.astype(jnp.int32), ((0, num_pieces * length - num_rows), (0, 0)))
+    done = jax.lax.map(
+        lambda piece: _moments_of_piece(packed, piece, size=size, reach=reach),
+        rows.reshape(num_pieces, length, 3),
     )
+    return SurfaceMoments(*(a.reshape(-1, *a.shape[2:])[:num_rows] for a in done))
 
 
-def _padded_shape(states: Shaped[Array, "x y z"] | np.ndarray, margin: int) -> list[int]:
-    """Shape of the block with the margin on each side, its depth a multiple of `GROUP`."""
-    x, y, z = (side + 2 * margin for side in states.shape)
-    return [x, y, -(-z // GROUP) * GROUP]
+def _margin(size: int, reach: int) -> int:
+    """How far from a voxel its states are looked up, at most [voxel]."""
+    return max(size // 2, reach)
 
 
-def _padded_host(states: np.ndarray, margin: int) -> tuple[np.ndarray, np.ndarray]:
-    """The padded block in C order, on the ladder of sizes, and its shape; one copy of the states."""
-    shape = _padded_shape(states, margin)
-    num_cells = int(np.prod(shape))
-    flat = np.zeros(bucket_size(num_cells, _SMALLEST_BLOCK), np.uint8)
-    inner = tuple(slice(margin, margin + side) for side in states.shape)
-    flat[:num_cells].reshape(shape)[inner] = states
-    return flat, np.asarray(shape, np.int32)
+def _piece_length() -> int:
+    return _PIECE if on_cpu() else _PIECE_ELSEWHERE
 
 
-def _padded(states: Array, margin: int) -> tuple[Array, np.ndarray]:
-    """`_padded_host` for arrays on a device or under a transformation, without the ladder."""
-    shape = _padded_shape(states, margin)
-    widths = [(margin, full - margin - side) for full, side in zip(shape, states.shape, strict=True)]
-    return jnp.pad(states.astype(jnp.uint8), widths).reshape(-1), np.asarray(shape, np.int32)
+@partial(jax.jit, static_argnames=("size", "reach"))
+def _moments_of_piece(
+    packed: PackedStates, rows: Int32[Array, "n 3"], *, size: int, reach: int
+) -> SurfaceMoments:
+    """The moments of one piece of the list."""
+    margin = _margin(size, reach)
+    step = partial(_stepwise, max(len(rows) // _STEP, 1) if on_cpu() else 1)
+    group, shift = step(lambda voxels: packed.place(voxels, margin=margin), rows.T)
+    below = np.uint32(margin - size // 2)
+    sums = step(lambda g, s: window_sums(packed, g, s + below, size=size), group, shift)
+    central = step(central_sums, sums)
+    axes = step(principal_axes, central.covariance)
+    normal, has_free, offset = step(surface_normal, central, axes)
+    moves = step(lambda n: steps_along(packed, n, reach), normal)
+    distance = step(lambda *places: free_distances(packed, margin, *places), group, shift, *moves)
+    return SurfaceMoments(normal.T, axes.curvature, central.count, has_free, offset, distance.T)
 
 
-@partial(jax.jit, static_argnames=("size", "reach", "margin", "chunk", "pieces"))
-def _flat_moments(
-    flat: UInt8[Array, "flat"], dims: Int32[Array, "3"], index: Int32[Array, "n 3"],
-    *, size: int, reach: int, margin: int, chunk: int, pieces: int,
-) -> SurfaceMoments:  # fmt: skip
-    """`surface_moments` on a flat block that is `margin` voxels wider on each side than the grid of `index`."""
-    packed = pack_states(flat, dims, margin=margin)
-
-    def place(rows: Array) -> tuple[Array, Array]:
-        # The columns of the window begin at the group that holds the voxel `margin` below.
-        group = packed.steps(rows[0] + margin, rows[1] + margin) + rows[2] // GROUP
-        return group, (rows[2] % GROUP).astype(jnp.uint32)
-
-    def one_chunk(rows: Array) -> tuple[Array, ...]:
-        group, shift = _stepwise(place, pieces, rows.T)
-        sums = _stepwise(
-            lambda g, s: window_sums(packed, g, s + np.uint32(margin - size // 2), size=size),
-            pieces, group, shift,
-        )  # fmt: skip
-        values, axis = _stepwise(_least_axis, pieces, sums)
-        normal, *shape = _stepwise(_summarise, pieces, sums, values, axis)
-        moves = _stepwise(lambda n: _moves(packed, n, reach), pieces, normal)
-        distance = _stepwise(
-            lambda *places: _free_distances(packed, margin, *places), pieces, group, shift, *moves
-        )
-        return normal.T, *shape, distance.T
-
-    num_rows = index.shape[0]
-    num_chunks = -(-num_rows // chunk)
-    rows = jnp.pad(index.astype(jnp.int32), ((0, num_chunks * chunk - num_rows), (0, 0)))
-    out = jax.lax.map(one_chunk, rows.reshape(num_chunks, chunk, 3))
-    return SurfaceMoments(*(a.reshape(-1, *a.shape[2:])[:num_rows] for a in out))
-
-
-def _stepwise(step: Callable, pieces: int, *columns: Array):
+def _stepwise(pieces: int, step: Callable, *columns: Any):
     """Apply a step to columns, piece by piece, and write its results down before the next step reads them.
 
     The loop is what makes XLA write them down on a CPU. Without it, each result of a later step computes those of
@@ -151,69 +168,6 @@ def _stepwise(step: Callable, pieces: int, *columns: Array):
     """
     if pieces == 1:
         return jax.lax.optimization_barrier(step(*columns))
-    split = [jnp.moveaxis(a.reshape(*a.shape[:-1], pieces, -1), -2, 0) for a in columns]
+    split = jax.tree.map(lambda a: jnp.moveaxis(a.reshape(*a.shape[:-1], pieces, -1), -2, 0), columns)
     done = jax.lax.map(lambda piece: step(*piece), split)
     return jax.tree.map(lambda a: jnp.moveaxis(a, 0, -2).reshape(*a.shape[1:-1], -1), done)
-
-
-def _least_axis(sums: Int[Array, "14 n"]) -> tuple[Float32[Array, "3 n"], Float32[Array, "3 n"]]:
-    """Eigenvalues of the covariance of the occupied voxels, ascending, and the vector of the least one."""
-    sums = sums.astype(jnp.float32)
-    count = jnp.maximum(sums[0], 1.0)
-    mean, second = sums[1:4] / count[None], sums[4:10] / count[None]
-    xx, yy, zz, xy, xz, yz = (
-        second[k] - mean[i] * mean[j]
-        for k, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
-    )
-    rows = (jnp.stack(row, axis=-1) for row in ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
-    values, vectors = symmetric_eigen(jnp.stack(list(rows), axis=-2))
-    return values.T, vectors[:, 0].T
-
-
-def _summarise(
-    sums: Array, values: Float32[Array, "3 n"], axis: Float32[Array, "3 n"]
-) -> tuple[Array, Array, Array, Array, Array]:
-    """Normal (3, n) toward free space, curvature, number of voxels, whether there is free space, offset."""
-    count, *first = (sums[k].astype(jnp.float32) for k in range(4))
-    free_count, *free = (sums[k].astype(jnp.float32) for k in range(10, 14))
-    mean = [s / jnp.maximum(count, 1.0) for s in first]
-    low, middle, high = (jnp.maximum(values[k], 0.0) for k in range(3))
-    total = low + middle + high
-    curvature = low / jnp.where(total > 0.0, total, 1.0)
-    offset = sum(m * a for m, a in zip(mean, axis, strict=True))
-    # The free voxels' offset from the surface, along the normal.
-    lean = sum((f - free_count * m) * a for f, m, a in zip(free, mean, axis, strict=True))
-    sign = jnp.where(lean < 0.0, jnp.float32(-1.0), jnp.float32(1.0))
-    return sign[None] * axis, curvature, sums[0].astype(jnp.int32), jnp.abs(lean) > 0.5, sign * offset
-
-
-def _moves(
-    packed: PackedStates, normal: Float32[Array, "3 n"], reach: int
-) -> tuple[Int32[Array, "r n"], Int32[Array, "r n"]]:
-    """Steps along the normal: words to go on, and voxels up."""
-    largest = jnp.max(jnp.abs(normal), axis=0)
-    words, up = [], []
-    for step in range(1, reach + 1):
-        # Scaled so that each step enters a new voxel along the direction's largest axis.
-        x, y, z = (jnp.round(step * normal[k] / largest).astype(jnp.int32) for k in range(3))
-        words.append(packed.steps(x, y))
-        up.append(z)
-    return jnp.stack(words), jnp.stack(up)
-
-
-def _free_distances(
-    packed: PackedStates, margin: int, group: Array, shift: Array, words: Array, up: Array
-) -> UInt8[Array, "2 n"]:
-    """Steps to the first free voxel before anything unknown, on both sides; reach + 1 if none."""
-    reach, middle = words.shape[0], shift.astype(jnp.int32) + margin
-    distances = []
-    for side in (1, -1):
-        distance = jnp.full(group.shape, reach + 1, jnp.uint8)
-        is_open = jnp.ones(group.shape, jnp.bool_)
-        for step in range(reach):
-            at = (middle + side * up[step]).astype(jnp.uint32)
-            occupied, free = (bits & 1 == 1 for bits in packed.look(group + side * words[step], at))
-            distance = jnp.where(is_open & free, jnp.uint8(step + 1), distance)
-            is_open = is_open & occupied
-        distances.append(distance)
-    return jnp.stack(distances)

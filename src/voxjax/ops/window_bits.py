@@ -10,87 +10,13 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Int, Int32, UInt8, UInt32
+from jaxtyping import Int, Int32, UInt32
 
-from .._checks import InputError
-from .._types import FREE, OCCUPIED, Array
-from .bits import GATHER_BITS
+from .._types import Array
+from .packed_states import PackedStates
 
-GROUP = 8
-"""Voxels along z that share a word; the depth of a padded block is a multiple of it."""
-SHARED_MARGIN = 4
-MAX_MARGIN = 12
-"""Largest reach along z [voxel] with both states in one word, and at all: 8 + 2 * reach bits must fit."""
 _SMALL = 7
 """Largest diameter whose sums over one plane of the ball fit 8 bits, and all its sums 16."""
-
-
-class PackedStates(NamedTuple):
-    """States of a padded block, packed along z.
-
-    Attributes:
-        words: uint32 (k, groups): bit i of a word is the voxel i places after the first one of its group. One row:
-            occupied in the low 16 bits, free in the high ones; two rows: occupied, free.
-        height: int32: voxels of the block along y.
-        depth: int32: groups of the block along z.
-    """
-
-    words: UInt32[Array, "k groups"]
-    height: Int32[Array, ""]
-    depth: Int32[Array, ""]
-
-    def look(self, group: Array, shift: Array) -> tuple[Array, Array]:
-        """Bits of the occupied and of the free voxels from `shift` voxels after the start of a group on, uint32."""
-        found = [
-            row.at[group].get(mode="promise_in_bounds", wrap_negative_indices=False) >> shift
-            for row in self.words
-        ]
-        return (found[0], found[0] >> 16) if len(found) == 1 else (found[0], found[1])
-
-    def steps(self, x: Array, y: Array) -> Array:
-        """Groups between two voxels that are x and y apart, int32."""
-        return (x * self.height + y) * self.depth
-
-
-def pack_states(flat: UInt8[Array, "flat"], dims: Int32[Array, "3"], *, margin: int) -> PackedStates:
-    """Pack a block of states.
-
-    Args:
-        flat: States in C order; the length a multiple of 8.
-        dims: Shape of the block; depth a multiple of 8. What `flat` holds after it does not matter.
-        margin: How far along z a window reaches [voxel].
-
-    Raises:
-        InputError: If the margin is above 12.
-    """
-    if margin > MAX_MARGIN:
-        raise InputError(
-            f"size must be at most {2 * MAX_MARGIN + 1} voxels and reach at most {MAX_MARGIN}, got a window that "
-            f"reaches {margin} voxels; take a smaller window or a coarser grid."
-        )
-    quads = jax.lax.bitcast_convert_type(flat.reshape(-1, 4), jnp.uint32)
-    halves = [
-        (((quads >> np.uint32(state >> 1)) & np.uint32(0x01010101)) * GATHER_BITS) >> np.uint32(28)
-        for state in (OCCUPIED, FREE)
-    ]
-    nibbles = (halves[0] | halves[1] << 4).astype(jnp.uint8)
-    pairs = jax.lax.bitcast_convert_type(nibbles.reshape(-1, 2), jnp.uint16).astype(jnp.uint32)
-    occupied = (pairs & 0xF) | ((pairs >> 4) & 0xF0)
-    free = ((pairs >> 4) & 0xF) | ((pairs >> 8) & 0xF0)
-    if margin <= SHARED_MARGIN:
-        words = _with_next((occupied | free << 16)[None], 1)
-    else:
-        words = _with_next(jnp.stack([occupied, free]), 3)
-    return PackedStates(words, dims[1], dims[2] // GROUP)
-
-
-def _with_next(words: Array, count: int) -> Array:
-    """Words with the bits of the `count` groups that follow above their own."""
-    padded = jnp.pad(words, ((0, 0), (0, count)))
-    length = words.shape[1]
-    for k in range(1, count + 1):
-        words = words | padded[:, k : k + length] << (GROUP * k)
-    return words
 
 
 def ball_offsets(size: int) -> np.ndarray:
