@@ -19,6 +19,8 @@ FAR = 1e9
 MOST_BINS = 255
 """Bins a histogram may have; one byte is left for none."""
 _NONE = 0xFFFFFF
+_SLACK = 2.0**-14
+"""How much narrower half a histogram is [bin]: more than the rounding of a cosine, so that none is beyond the last."""
 _TERMS = 8
 """Others that one step of counting adds up; the partial sums lie side by side in bytes."""
 
@@ -64,7 +66,7 @@ def closeness(
     length = _offsets(own, others)[1]
     is_neighbor = (length <= square) & (length > 0.0)
     least = jnp.maximum(length, 0.25 * spacing * spacing)
-    return jnp.where(is_neighbor, spacing / jnp.sqrt(least), 0.0)
+    return jnp.where(is_neighbor, spacing * jax.lax.rsqrt(least), 0.0)
 
 
 @partial(jax.jit, static_argnames=("num_bins",))
@@ -92,35 +94,42 @@ def pair_bins(
     mx, my, mz = (others[k, :, :, None] for k in range(3, 6))
     ahead, back, along = x * nx + y * ny + z * nz, x * mx + y * my + z * mz, nx * mx + ny * my + nz * mz
     volume = x * (ny * mz - nz * my) + y * (nz * mx - nx * mz) + z * (nx * my - ny * mx)
-    safe = jnp.where(is_neighbor, length, 1.0)
+    safe = jnp.maximum(length, 1e-12)
     # Where d is along n within the rounding of float32, v has no direction, and its angles are taken for flat.
-    across = 1.0 / jnp.sqrt(jnp.maximum(safe - ahead * ahead, 1e-6 * safe))
+    across = jax.lax.rsqrt(jnp.maximum(safe - ahead * ahead, 1e-6 * safe))
     word = (
-        _share_bin(volume * across, num_bins)
-        | _share_bin(ahead / jnp.sqrt(safe), num_bins) << 8
+        _share_bin(jnp.clip(volume * across, -1.0, 1.0), num_bins, byte=0)
+        | _share_bin(ahead * jax.lax.rsqrt(safe), num_bins, byte=1)
         | _turn_bin((back - ahead * along) * across, along, num_bins) << 16
     )
     return jnp.where(is_neighbor, word, _NONE).astype(jnp.uint32)
 
 
-def _share_bin(cosine: Array, num_bins: int) -> Array:
-    """Bin of a number in [-1, 1]."""
-    return jnp.clip((cosine + 1.0) * (0.5 * num_bins), 0.0, num_bins - 1.0).astype(jnp.int32)
+def _share_bin(cosine: Array, num_bins: int, *, byte: int) -> Array:
+    """Bin of a number in [-1, 1], in one byte of a word: the integer part, read from the bits of a float32.
+
+    Above a power of two beyond the number of bins the bits of a float32 are those of the integer part and then those of
+    the fraction. Converting to integers takes several times as long, as it must hold for all numbers.
+    """
+    size = num_bins.bit_length()
+    share = cosine * (0.5 * num_bins - _SLACK) + (0.5 * num_bins + 2.0**size)
+    shift = 23 - size - 8 * byte
+    bits = jax.lax.bitcast_convert_type(share, jnp.int32)
+    return (bits >> shift if shift >= 0 else bits << -shift) & ((1 << size) - 1 << 8 * byte)
 
 
 def _turn_bin(sine: Array, cosine: Array, num_bins: int) -> Array:
     """Bin of the angle of (cosine, sine), by the borders it lies beyond: arctan2 is a scalar call on a CPU.
 
-    The cosine over the sum of both magnitudes falls as the angle grows from 0 to pi.
+    The cosine over the sum of both magnitudes falls as the angle grows from 0 to pi. The angle of (0, 0) is 0.
     """
     half = num_bins // 2
     borders = np.pi * (2 * np.arange(1, half + 1) - num_bins % 2) / num_bins
     borders = borders[borders < np.pi - 1e-9]
-    tiny = 1e-20  # an angle of 0 for (0, 0), as by arctan2
-    fall = (cosine + tiny) / (jnp.abs(cosine) + jnp.abs(sine) + tiny)
+    size = jnp.abs(cosine) + jnp.abs(sine)
     beyond = jnp.zeros_like(sine, jnp.int32)
     for c, s in zip(np.cos(borders), np.sin(borders), strict=True):
-        beyond += (fall < float(c / (abs(c) + s))).astype(jnp.int32)
+        beyond += (cosine < float(c / (abs(c) + s)) * size).astype(jnp.int32)
     return jnp.where(sine < 0.0, (num_bins - 1) // 2 - beyond, half + beyond)
 
 

@@ -12,6 +12,7 @@ from jaxtyping import Float, Int32
 
 from .._buckets import bucket_size, pad_rows
 from .._checks import InputError, check_positive
+from .._threads import spread
 from .._types import Array
 
 TILE = 16
@@ -22,6 +23,8 @@ GROUP = 16
 """Half tiles of an item: at most 128 others, which a byte can count."""
 _STEP = 3
 """Levels of the tree passed at once by the search."""
+_CHUNK = 512
+"""Tiles whose near ones are searched at once."""
 
 
 class NearTiles(NamedTuple):
@@ -112,9 +115,20 @@ def near_tiles(tree: PointTree, radius: float) -> NearTiles:
     """
     # A little more, for the rounding of squares; kernels compare distances themselves.
     square = np.float32((1 + 1e-5) * check_positive("radius", radius, "m") ** 2)
+    level = len(tree.low) - 2
+    tiles = np.flatnonzero(tree.low[level][0] <= tree.high[level][0])
+    parts = spread(
+        lambda first: _descend(tree, tiles[first : first + _CHUNK], square), range(0, len(tiles), _CHUNK)
+    )
+    none = np.zeros(0, np.int64), np.zeros(0, np.int64)
+    own, other = (np.concatenate(part) for part in zip(none, *parts, strict=True))
+    return _grouped(tree, own, other)
+
+
+def _descend(tree: PointTree, own: np.ndarray, square: np.float32) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of the given tiles and the half tiles near them, from the root down; in the order of the tiles."""
     levels = len(tree.low) - 1
     low, high = tree.low[levels - 1], tree.high[levels - 1]
-    own = np.flatnonzero(low[0] <= high[0])
     other, level = np.zeros(len(own), np.int64), 0
     while level < levels:
         step = min(_STEP, levels - level)
@@ -129,7 +143,7 @@ def near_tiles(tree: PointTree, radius: float) -> NearTiles:
             gap += side * side
         is_near = gap <= square
         own, other = own[is_near], other[is_near]
-    return _grouped(tree, own, other)
+    return own, other
 
 
 def _grouped(tree: PointTree, own: np.ndarray, other: np.ndarray) -> NearTiles:
