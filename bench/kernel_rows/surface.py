@@ -38,11 +38,10 @@ def rows(*, quick: bool) -> Iterator[KernelRow]:
 
 def _moments_row(states: np.ndarray, size: int) -> KernelRow:
     index = np.argwhere(states == OCCUPIED).astype(np.int32)
-    padded = pad_rows(index, bucket_size(len(index), 1024))
     candidates: dict[str, Callable[[], object]] = {
-        "voxjax": lambda: surface_moments(states, padded, size=size)
+        "voxjax": lambda: surface_moments(states, index, size=size)
     }
-    normal = np.asarray(surface_moments(states, padded, size=size).normal)[: len(index)]
+    normal = np.asarray(surface_moments(states, index, size=size).normal)
     note = "normals, curvature, free sides; "
     if open3d is None:
         note += _NO_OPEN3D

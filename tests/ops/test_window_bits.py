@@ -56,9 +56,8 @@ def test_the_host_packs_views_and_many_slabs_alike(monkeypatch):
         index = np.argwhere(np.ones(view.shape)).astype(np.int32)
         assert int(on_host.depth) == int(on_device.depth)
         assert int(on_host.height) == int(on_device.height)
-        np.testing.assert_array_equal(
-            *(_sums(view, index, 3, 3, pack) for pack in (pack_on_host, pack_states))
-        )
+        ones, others = (_sums(view, index, 3, 3, pack) for pack in (pack_on_host, pack_states))
+        np.testing.assert_array_equal(ones, others)
 
 
 def test_windows_that_no_word_holds_are_refused():
