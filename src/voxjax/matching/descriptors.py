@@ -27,9 +27,10 @@ SCALES = (1.0, 1.6)
 """Scales at which a map is described: rooms full of small things match at the fine one, halls at the coarse."""
 MAX_FINE_POINTS = 24576
 """Maps with more points at the fine scale are described at the coarse one only: time grows with the square."""
-NORMAL_RADIUS = 3.0
-DESCRIPTOR_RADIUS = 5.0
-"""Radii of the normal and of the descriptor, in working spacings."""
+NORMAL_RADIUS = 3.001
+DESCRIPTOR_RADIUS = 5.001
+"""Radii of the normal and of the descriptor, in working spacings; not whole, as many points lie just so far apart, and
+rounding would decide."""
 _CHUNK = 1 << 14
 """Voxels whose surroundings are looked up at once."""
 
