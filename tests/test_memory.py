@@ -75,7 +75,7 @@ def test_the_refusal_names_need_limit_and_remedy(monkeypatch):
     with pytest.raises(InputError) as refusal:
         check_memory(3.1e9, "fusing", "crop the maps")
     expected = "fusing needs about 3.1 GB of memory and 2.5 GB are available; crop the maps"
-    assert str(refusal.value) == f"{expected} (VOXJAX_MEMORY=off skips this check)."
+    assert str(refusal.value) == f"{expected}; VOXJAX_MEMORY=off skips this check."
 
 
 def test_the_check_can_be_switched_off(monkeypatch):

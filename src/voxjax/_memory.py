@@ -44,7 +44,7 @@ def check_memory(need: float, what: str, advice: str) -> None:
     if limit is not None and need > limit:
         raise InputError(
             f"{what} needs about {need / GIGABYTE:.2g} GB of memory and {limit / GIGABYTE:.2g} GB are available; "
-            f"{advice} (VOXJAX_MEMORY=off skips this check)."
+            f"{advice}; VOXJAX_MEMORY=off skips this check."
         )
 
 

@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
+import voxjax as vx
 from voxjax import InputError, VoxelGrid
+from voxjax.pipeline import many, pair
 from voxjax.pipeline.memory_need import FIXED, MapSize, check_register_memory, register_memory
 
 
@@ -25,23 +27,23 @@ def _need(*grids, voxel_size=0.1):
 
 def test_what_fits_is_let_through_and_what_does_not_is_refused(monkeypatch):
     grids = [_grid((90, 80, 70)), _grid((60, 50, 40))]
-    need = _need(*grids)
-    _allow(monkeypatch, 1.01 * need)
+    work = _need(*grids) - FIXED
+    _allow(monkeypatch, FIXED + 1.01 * work)
     check_register_memory(grids, 0.1)
-    _allow(monkeypatch, 0.99 * need)
-    with pytest.raises(InputError, match=r"registering 2 maps .* needs about .* GB .* voxel size of 0\.2 m"):
+    _allow(monkeypatch, FIXED + 0.99 * work)
+    with pytest.raises(InputError, match=r"registering maps .* needs about .* GB .* voxel size of 0\.2 m"):
         check_register_memory(grids, 0.1)
 
 
 def test_only_the_box_around_what_is_known_counts(monkeypatch):
     inner = _grid((20, 30, 10))
-    _allow(monkeypatch, 1.01 * _need(inner, inner))
+    _allow(monkeypatch, FIXED + 1.01 * (_need(inner, inner) - FIXED))
     check_register_memory([_grid((300, 200, 100), known=(20, 30, 10))] * 2, 0.1)
 
 
 def test_a_coarser_working_size_needs_less(monkeypatch):
     grids = [_grid((200, 200, 100))] * 2
-    _allow(monkeypatch, 0.9 * _need(*grids))
+    _allow(monkeypatch, FIXED + 0.9 * (_need(*grids) - FIXED))
     check_register_memory(grids, 0.2)
     with pytest.raises(InputError):
         check_register_memory(grids, 0.05)
@@ -64,3 +66,15 @@ def test_a_map_of_unknown_voxels_needs_hardly_anything(monkeypatch):
     empty = VoxelGrid(np.zeros((200, 200, 200), np.uint8), np.zeros(3, np.float32), 0.1)
     _allow(monkeypatch, FIXED + 1e4)
     check_register_memory([empty, empty], 0.1)
+
+
+@pytest.mark.parametrize("call", [lambda a, b: vx.register(a, b), lambda a, b: vx.merge([a, b])])
+def test_the_pipeline_refuses_before_it_begins(monkeypatch, call):
+    def never(*_: object, **__: object):
+        raise AssertionError("features were computed")
+
+    for module in (pair, many):
+        monkeypatch.setattr(module, "prepare", never)
+    _allow(monkeypatch, FIXED / 2)
+    with pytest.raises(InputError, match="registering maps"):
+        call(_grid((30, 30, 20)), _grid((20, 20, 20)))

@@ -18,6 +18,7 @@ from ..metrics import pose_error
 from ..registration.map_features import LateFeatures
 from ..registration.types import Registration
 from .config import Config, config_from
+from .memory_need import check_register_memory
 from .pair import prepare, register, register_prepared, working_voxel_size
 
 Status = Literal["merged", "partial", "no_overlap"]
@@ -107,7 +108,8 @@ def merge(
         The fused map, the poses and the registrations behind them.
 
     Raises:
-        InputError: If there are fewer than two maps, or a guess with more than two.
+        InputError: If there are fewer than two maps, a guess with more than two, or the maps or the fused one need more
+            memory than there is (`pipeline/memory_need.py`, `fusion/fuse.py`).
     """
     if len(grids) < 2:
         raise InputError(f"merge needs at least two maps, got {len(grids)}.")
@@ -223,6 +225,7 @@ def _features_of_all(grids: Sequence[VoxelGrid], settings: Config, announce: OnS
     if not filled:
         return [None] * len(grids)
     voxel_size = working_voxel_size(filled, settings)
+    check_register_memory(filled, voxel_size)
     announce(f"features of {len(filled)} maps")
 
     def features_of(grid: VoxelGrid) -> Any:

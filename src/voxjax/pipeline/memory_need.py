@@ -9,15 +9,18 @@ from .._memory import GIGABYTE, check_memory, memory_limit
 from .._types import OCCUPIED
 from ..grid import VoxelGrid
 
-FIXED = 0.6 * GIGABYTE
-"""Compiled kernels and what compiling them takes [byte]; the process has 0.2 GB before."""
+FIXED = 0.75 * GIGABYTE
+"""Compiled kernels of all stages, and what compiling them takes [byte]."""
 
-KEPT_PER_VOXEL, KEPT_PER_OCCUPIED = 9.0, 100.0
-"""What the features of a map hold while it has pairs to come: fields for each voxel of the box around what is known,
-lists for each occupied one [byte]."""
+KEPT_PER_VOXEL, KEPT_PER_OCCUPIED = 8.0, 60.0
+"""What the features of a map hold while it has pairs to come [byte]: states twice, nearest voxels and two codes for
+each voxel of the box around what is known; 14 numbers for each occupied one."""
 
-WORK_PER_VOXEL, WORK_PER_OCCUPIED = 9.0, 400.0
-"""What the two maps of a pair take beside that while they are worked on [byte]."""
+WORK_PER_VOXEL, WORK_PER_OCCUPIED = 0.5, 100.0
+"""What the two maps of a pair take beside that while they are worked on [byte]. With these, estimates were 1.0 to 1.5
+times the peaks of processes that compiled all kernels (`python -m bench memory`, on a CPU), and half a gigabyte more
+than that of processes that loaded them: what needs half a gigabyte less than two thirds of the memory that is available
+is never refused."""
 
 
 class MapSize(NamedTuple):
@@ -68,7 +71,7 @@ def check_register_memory(grids: Sequence[VoxelGrid], voxel_size: float) -> None
     scaled = [size.at(voxel_size) for size in sizes]
     check_memory(
         register_memory(sizes, voxel_size),
-        f"registering {len(grids)} maps of together {sum(voxels for voxels, _ in scaled) / 1e6:,.3g} million voxels of "
+        f"registering maps of together {sum(voxels for voxels, _ in scaled) / 1e6:,.3g} million voxels of "
         f"{voxel_size:g} m",
         f"take {_larger(sizes, voxel_size, limit)}, crop the maps, or work tile by tile (voxjax.ops.map_tiles)",
     )

@@ -20,6 +20,7 @@ from ..registration.refine import refine
 from ..registration.types import Evidence, Hypothesis, Registration
 from ..registration.verdict import Finding, decide, probabilities, support
 from .config import Config, config_from
+from .memory_need import check_register_memory
 from .search import search
 
 FINE_VOXEL = 0.075
@@ -64,7 +65,8 @@ def register(
         corners or without voxels are an outcome, not an error.
 
     Raises:
-        InputError: If a setting or the guess cannot be used.
+        InputError: If a setting or the guess cannot be used, or the maps need more memory than there is
+            (`pipeline/memory_need.py`).
     """
     check_choice("preset", preset, ("default", "paper"))
     if preset == "paper" and (gravity_aligned or init_guess is not None or guess_uncertainty is not None):
@@ -81,6 +83,7 @@ def register(
         announce("the paper's pipeline")
         return register_paper(a, b)
     size = working_voxel_size([a, b], settings)
+    check_register_memory([a, b], size)
     seconds = {}
     start = time.perf_counter()
     announce("features")
