@@ -144,7 +144,7 @@ def test_residuals_equal_a_search_over_all_voxels(arrays, pair):
     few = Sample(points, normals_b, weights, sample.centroid)
     residual = np.asarray(
         surface_residuals(jnp.zeros(6, jnp.float32), T, surface, few, scale, loss="squared")
-    )
+    ).T
     voxels, normals = np.asarray(surface.points, np.float64), np.asarray(surface.normals, np.float64)
     planarity = np.asarray(surface.planarity)
     cells = np.floor((centres - np.asarray(surface.origin)) / VOXEL)

@@ -25,8 +25,8 @@ def coarse_spectra(
     codes: UInt8[np.ndarray, "i j k"],
     origin: Float[np.ndarray, "3"],
     voxel_size: float,
-    points: Float32[np.ndarray, "n 3"],
-    weights: Float32[np.ndarray, "n"],
+    columns: Float32[np.ndarray, "3 n"],
+    weights: Float[np.ndarray, "n"],
     rotation: Float[np.ndarray, "3 3"],
     low: Float[np.ndarray, "3"],
     box: tuple[int, int, int],
@@ -41,7 +41,7 @@ def coarse_spectra(
         codes: Of `evidence_codes` at the coarse tolerance.
         origin: Outer corner of the map's block [m].
         voxel_size: [m].
-        points: Occupied voxel centres in the map's frame [m].
+        columns: Occupied voxel centres in the map's frame [m], as rows x, y and z.
         weights: One a point.
         rotation: Maps the map's frame into the frame of the coarse block.
         low: Outer corner of the coarse block [m].
@@ -56,28 +56,27 @@ def coarse_spectra(
     # Cell centres in voxels of the map: a sum of one vector an axis.
     step = rotation * (cell_size / voxel_size)
     start = ((low + 0.5 * cell_size) @ rotation - origin) / voxel_size
-    index, is_inside = [], None
+    flat, is_inside = np.zeros((1, 1, 1), np.int32), np.ones((1, 1, 1), bool)
     for axis in range(3):
-        along = [(np.arange(n) * step[i, axis]).astype(np.float32) for i, n in enumerate(box)]
-        place = (
-            along[0][:, None, None]
-            + along[1][None, :, None]
-            + (along[2] + np.float32(start[axis]))[None, None, :]
-        )
+        x, y, z = ((np.arange(n) * step[i, axis]).astype(np.float32) for i, n in enumerate(box))
+        place = (x[:, None] + (y + np.float32(start[axis]))[None, :])[:, :, None] + z[None, None, :]
         cell = np.floor(place, out=place).astype(np.int32)
-        inside = (cell >= 0) & (cell < codes.shape[axis])
-        is_inside = inside if is_inside is None else is_inside & inside
-        index.append(cell)
-    assert is_inside is not None
-    flat = (index[0] * codes.shape[1] + index[1]) * codes.shape[2] + index[2]
-    code = np.take(codes.reshape(-1), np.where(is_inside, flat, 0), mode="clip") * is_inside
+        # Unsigned: what is below 0 is far above.
+        is_inside = is_inside & (cell.view(np.uint32) < np.uint32(codes.shape[axis]))
+        flat = flat * np.int32(codes.shape[axis]) + cell
+    code = np.take(codes.reshape(-1), np.where(is_inside, flat, 0)) * is_inside
     values = np.zeros(4, np.float32)
     values[HIT], values[CONFLICT] = 1.0, -conflict_weight
-    offer = values[code]
+    offer = np.take(values, code)
 
-    cell = np.floor((points.astype(np.float64) @ rotation.T - low) / cell_size).astype(np.int64)
-    cell = np.clip(cell, 0, np.asarray(box) - 1)
-    flat = (cell[:, 0] * box[1] + cell[:, 1]) * box[2] + cell[:, 2]
+    turn, shift = (rotation / cell_size).astype(np.float32), (low / cell_size).astype(np.float32)
+    flat = np.zeros(1, np.int32)
+    for axis in range(3):
+        place = turn[axis, 0] * columns[0]
+        place += turn[axis, 1] * columns[1]
+        place += turn[axis, 2] * columns[2]
+        place -= shift[axis]
+        flat = flat * np.int32(box[axis]) + np.clip(place, 0, box[axis] - 1, out=place).astype(np.int32)
     ask = np.bincount(flat, weights, minlength=int(np.prod(box))).astype(np.float32).reshape(box)
     return np.asarray(rfftn(offer, s=cells)), np.asarray(rfftn(ask, s=cells))
 

@@ -10,7 +10,7 @@ from .._checks import InputError
 from .._tables import reserve
 from .._threads import spread
 from .._types import FREE
-from .evidence import CONFLICT, HIT, NEUTRAL, NOTHING
+from .evidence import CONFLICT, HIT, NEUTRAL
 from .nearest import INDEX_BITS, NOTHING_NEAR
 
 MAX_RADIUS = 5
@@ -103,16 +103,16 @@ def evidence_codes_host(
         clear_sq: Squared distance [voxel^2] from which on a free voxel is well clear of anything occupied.
         length: Of the result; what follows the states is 0 and takes no memory.
     """
-    squared = np.arange(64)
-    table = np.full((64, 4), NOTHING, np.uint8)
-    table[:, FREE] = np.where(squared >= clear_sq, CONFLICT, NEUTRAL)
-    table[squared <= hit_sq] = HIT
     codes = reserve(length, dtype=np.uint8)
 
-    def look_up(start: int) -> None:
-        part = slice(start, start + SLAB)
-        row = keys[part] >> np.uint32(INDEX_BITS - 2) & np.uint32(0xFC) | states[part]
-        np.take(table.reshape(-1), row, out=codes[part][: len(row)], mode="clip")
+    def fill(start: int) -> None:
+        part = slice(start, min(start + SLAB, len(states)))
+        squared = (keys[part] >> np.uint32(INDEX_BITS)).astype(np.uint8)
+        # In bytes: arithmetic on them runs 64 at a time.
+        code = np.where(squared >= np.uint8(clear_sq), CONFLICT, NEUTRAL)
+        code *= states[part] == FREE
+        np.putmask(code, squared <= np.uint8(hit_sq), HIT)
+        codes[part] = code
 
-    spread(look_up, range(0, len(states), SLAB))
+    spread(fill, range(0, len(states), SLAB))
     return codes

@@ -7,6 +7,7 @@ free space.
 import numpy as np
 from scipy import ndimage
 
+from .._threads import spread
 from ..ops.evidence import CONFLICT, HIT
 from .leaders import Judgement, Leaders, inverse_poses
 from .prepared import PreparedMap
@@ -35,20 +36,30 @@ def piece_area(a: PreparedMap, b: PreparedMap, T_a_b: np.ndarray) -> tuple[float
     in_pieces = num_hits = 0
     for target, other, T in ((a, b, T_a_b), (b, a, inverse_poses(T_a_b[None])[0])):
         points = np.asarray(other.points)[: other.num_points]
-        code = _codes_at(target, points @ T[:3, :3].T + T[:3, 3])
+        code = _codes_at(target, points, T)
         num_hits += int(np.count_nonzero(code == HIT))
         in_pieces += _in_pieces(other, points[code == CONFLICT])
     face = a.grid.voxel_size**2
     return in_pieces * face, num_hits * face
 
 
-def _codes_at(target: PreparedMap, points: np.ndarray) -> np.ndarray:
-    """Evidence codes at points (n, 3) [m]; 0 outside."""
-    shape = np.asarray(target.grid.states.shape)
-    cell = np.floor((points - target.grid.origin) / target.grid.voxel_size).astype(np.int64)
-    is_inside = ((cell >= 0) & (cell < shape)).all(axis=1)
-    flat = (cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]
-    return np.where(is_inside, np.asarray(target.codes)[np.where(is_inside, flat, 0)], 0)
+def _codes_at(target: PreparedMap, points: np.ndarray, T: np.ndarray) -> np.ndarray:
+    """Evidence codes where a pose puts points (n, 3) [m]; 0 outside."""
+    voxel = target.grid.voxel_size
+    turn = (T[:3, :3].astype(np.float64) / voxel).astype(np.float32)
+    shift = ((T[:3, 3].astype(np.float64) - target.grid.origin) / voxel).astype(np.float32)
+    columns = np.ascontiguousarray(points.T)
+    flat, is_inside = np.int32(0), np.True_
+    for axis, size in enumerate(target.grid.states.shape):
+        place = turn[axis, 0] * columns[0]
+        place += turn[axis, 1] * columns[1]
+        place += turn[axis, 2] * columns[2]
+        place += shift[axis]
+        cell = np.floor(place, out=place).astype(np.int32)
+        # Unsigned: what is below 0 is far above.
+        is_inside = is_inside & (cell.view(np.uint32) < np.uint32(size))
+        flat = flat * np.int32(size) + cell
+    return np.take(np.asarray(target.codes), np.where(is_inside, flat, 0)) * is_inside
 
 
 def _in_pieces(other: PreparedMap, points: np.ndarray) -> int:
@@ -73,11 +84,10 @@ def weigh_pieces(a: PreparedMap, b: PreparedMap, leaders: Leaders) -> tuple[Lead
         Leaders, and their rows among those given.
     """
     is_rival = rivals(leaders.judgement)
-    areas = [
-        piece_area(a, b, T) if wanted else (0.0, 0.0)
-        for T, wanted in zip(leaders.poses, is_rival, strict=True)
-    ]
-    pieces, shared = np.asarray(areas, np.float64).reshape(-1, 2).T
+    areas = np.zeros((len(leaders.poses), 2))
+    if is_rival.any():
+        areas[is_rival] = spread(lambda T: piece_area(a, b, T), leaders.poses[is_rival])
+    pieces, shared = areas.T
     judgement = leaders.judgement._replace(pieces=pieces, shared=shared)
     order = np.argsort(-evidence(judgement), kind="stable")
     ranked = Leaders(

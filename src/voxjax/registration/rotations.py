@@ -18,8 +18,8 @@ from .._types import Array
 NUM_SAMPLES = 512
 """Normals of each map that a rotation is judged by."""
 
-MAX_VOTERS = 10_000
-"""Normals that vote for directions, at most about twice so many."""
+MAX_VOTERS = 5_000
+"""Normals that vote for directions at most."""
 
 ROUGH_STRIDE = 4
 """One in so many of the normals sharpens the seeds, of which most lead to the same few rotations; all normals then
@@ -45,7 +45,7 @@ def dominant_directions(
     Returns:
         float64 (k, 3) unit vectors and (k,) shares.
     """
-    stride = max(len(normals) // MAX_VOTERS, 1)
+    stride = max(-(-len(normals) // MAX_VOTERS), 1)
     normals, weights = normals[::stride], weights[::stride]
     total = float(weights.sum(dtype=np.float64))
     is_free = np.ones(len(normals), dtype=bool)

@@ -78,12 +78,14 @@ def search_on_host(
     """
     maps = a, b
     codes = [_coarse_block(m, factor) for m in maps]
-    rows = [(np.asarray(m.points)[: m.num_points], np.asarray(m.weights)[: m.num_points]) for m in maps]
+    columns = [np.ascontiguousarray(np.asarray(m.points)[: m.num_points].T) for m in maps]
+    weights = [np.asarray(m.weights, np.float64)[: m.num_points] for m in maps]
 
     def spectra(which: int, rotation: np.ndarray, low: np.ndarray, box: np.ndarray, cells: Cells) -> tuple:
         grid = maps[which].grid
         return host.coarse_spectra(
-            codes[which], np.asarray(grid.origin, np.float64), grid.voxel_size, *rows[which], rotation, low,
+            codes[which], np.asarray(grid.origin, np.float64), grid.voxel_size, columns[which], weights[which],
+            rotation, low,
             _triple(box), factor * grid.voxel_size, CONFLICT_WEIGHT, cells=cells,
         )  # fmt: skip
 
