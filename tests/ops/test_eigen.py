@@ -96,6 +96,16 @@ def test_normals_by_columns_are_good_to_a_thousandth_of_a_degree():
     assert np.degrees(np.linalg.norm(np.cross(ours, truth), axis=1).max()) < 1e-3
 
 
+def test_long_lists_give_what_short_ones_give():
+    entries = np.tile(_columns(_matrices(12, np.random.default_rng(12).normal(size=(300, 3)))), 60)
+    long, short = eigen_by_columns(entries), eigen_by_columns(entries[:, :300])
+    for one, other in zip(long, short, strict=True):
+        assert one.shape[-1] == 18_000
+        np.testing.assert_allclose(one, np.tile(other, 60), atol=2e-6)
+    by_values = jax.grad(lambda e: jnp.sum(eigen_by_columns(e).values[2], dtype=jnp.float32))
+    np.testing.assert_allclose(by_values(entries), np.tile(by_values(entries[:, :300]), 60), atol=1e-4)
+
+
 def _loss(entries, weights):
     found = eigen_by_columns(entries)
     turned = jnp.abs(jnp.sum(found.vectors * weights[:, :, None], axis=1))

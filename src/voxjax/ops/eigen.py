@@ -12,7 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from .._tables import on_cpu
 from .._types import Array
+
+_PIECE = 8192
+"""Matrices that a CPU decomposes at once."""
 
 
 class EigenColumns(NamedTuple):
@@ -80,7 +84,7 @@ def _stands_apart(values: Array, tolerance: Array) -> Bool[Array, "3 *n"]:
 
 @jax.custom_jvp
 def _decompose(entries: Array, tolerance: Array) -> tuple[Array, Array]:
-    return _closed_form(entries)
+    return _by_pieces(entries)
 
 
 @_decompose.defjvp
@@ -103,8 +107,21 @@ def _decompose_jvp(
 
 
 @partial(jax.jit, inline=True)
-def _closed_form(entries: Array) -> tuple[Array, Array]:
-    """Values (3, *n) and vectors (3, 3, *n)."""
+def _by_pieces(entries: Float[Array, "6 *n"]) -> tuple[Array, Array]:
+    """Values (3, *n) and vectors (3, 3, *n); on a CPU in pieces whose columns fit the cache of a core."""
+    batch, flat = entries.shape[1:], entries.reshape(6, -1)
+    length = flat.shape[1]
+    if on_cpu() and length > _PIECE:
+        rows = jnp.pad(flat, ((0, 0), (0, -length % _PIECE))).reshape(6, -1, _PIECE)
+        found = jax.lax.map(_closed_form, jnp.moveaxis(rows, 1, 0))
+        found = [jnp.moveaxis(a, 0, -2).reshape(*a.shape[1:-1], -1)[..., :length] for a in found]
+    else:
+        found = _closed_form(flat)
+    values, vectors = found
+    return values.reshape(3, *batch), vectors.reshape(3, 3, *batch)
+
+
+def _closed_form(entries: Float[Array, "6 n"]) -> tuple[Float[Array, "3 n"], Float[Array, "3 3 n"]]:
     dtype = entries.dtype
     scale = jnp.max(jnp.abs(entries), axis=0)
     scale_safe = jnp.where(scale > 0, scale, 1)

@@ -97,25 +97,22 @@ def pack_on_host(states: UInt8[np.ndarray, "x y z"], *, margin: int) -> PackedSt
     length = table_lengths(num_words * GROUP, 0)[0] // GROUP
     num_rows = 1 if margin <= SHARED_MARGIN else 2
     words = reserve(num_rows * length, dtype=np.uint32).reshape(num_rows, length)
-    # The bytes of a word: its own group and those that follow.
-    byte_rows = [row[:num_words].view(np.uint8).reshape(*shape, 4) for row in words]
-    columns = slice(margin, margin + states.shape[1])
+    planes = words[:, :num_words].reshape(num_rows, shape[0], shape[1] * shape[2])
+    inner = slice(margin * shape[2], (margin + states.shape[1]) * shape[2])
     step = max(_SLAB // max(states[0].size, 1), 1) if len(states) else 1
 
     def pack_slab(start: int) -> None:
         slab = states[start : start + step]
-        planes = slice(margin + start, margin + start + len(slab))
-        for row, state in enumerate((OCCUPIED, FREE)):
-            eights = np.packbits(slab == state, axis=-1, bitorder="little")
-            for follower in range(2 if num_rows == 1 else 4):
-                # Groups that follow the first word of a column by less than the empty ones before it.
-                kept = eights[..., max(follower - front, 0) :]
-                first = max(front - follower, 0)
-                places = planes, columns, slice(first, first + kept.shape[-1])
-                if num_rows == 1:
-                    byte_rows[0][*places, 2 * row + follower] = kept
-                else:
-                    byte_rows[row][*places, follower] = kept
+        groups = np.zeros((2, *slab.shape[:2], shape[2]), np.uint8)
+        for row, state in zip(groups, (OCCUPIED, FREE), strict=True):
+            row[..., front:] = np.packbits(slab == state, axis=-1, bitorder="little")
+        # Columns in a row: what follows the last group of one are the empty groups of the next.
+        occupied, free = groups.reshape(2, len(slab), -1).astype(np.uint32)
+        own = np.stack([occupied | free << np.uint32(16)] if num_rows == 1 else [occupied, free])
+        packed = own.copy()
+        for follower in range(1, 2 if num_rows == 1 else 4):
+            packed[..., :-follower] |= own[..., follower:] << np.uint32(GROUP * follower)
+        planes[:, margin + start : margin + start + len(slab), inner] = packed
 
     spread(pack_slab, range(0, len(states), step))
     return PackedStates(words, np.asarray(shape[1], np.int32), np.asarray(shape[2], np.int32))
