@@ -91,12 +91,18 @@ class VoxelGrid(eqx.Module):
     @property
     def num_occupied(self) -> int:
         """Number of occupied voxels."""
-        return int(np.count_nonzero(np.asarray(self.states) == OCCUPIED))
+        return self._count(OCCUPIED)
 
     @property
     def num_free(self) -> int:
         """Number of free voxels."""
-        return int(np.count_nonzero(np.asarray(self.states) == FREE))
+        return self._count(FREE)
+
+    def _count(self, state: np.uint8) -> int:
+        # In pieces that stay in the cache: an array of truth values as large as the map is twice as slow.
+        flat, piece = np.asarray(self.states).reshape(-1), 1 << 18
+        starts = range(0, flat.size, piece)
+        return sum(int(np.count_nonzero(flat[start : start + piece] == state)) for start in starts)
 
     @property
     def extent(self) -> tuple[np.ndarray, np.ndarray]:
@@ -108,7 +114,9 @@ class VoxelGrid(eqx.Module):
 
     def occupied_index(self) -> np.ndarray:
         """Indices of the occupied voxels, int32 (n, 3), in lexicographic order."""
-        return np.argwhere(np.asarray(self.states) == OCCUPIED).astype(np.int32)
+        states = np.asarray(self.states)
+        flat = np.flatnonzero(states == OCCUPIED)
+        return np.stack(np.unravel_index(flat, states.shape), axis=-1).astype(np.int32)
 
     def occupied_points(self) -> np.ndarray:
         """Centres of the occupied voxels, float32 (n, 3) [m], same order as `occupied_index`."""

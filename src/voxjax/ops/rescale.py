@@ -3,11 +3,13 @@
 import numpy as np
 from jaxtyping import Float32, UInt8
 
+from .._threads import spread
 from .._types import UNKNOWN
 from .lattice import check_num_voxels, origin_in_voxels, origin_of_cell
 
 # Centres that lie on a border of new voxels [voxels] go to the upper one, whichever way float32 rounded.
 _TIE = 1e-4
+_PLANES = 4
 
 
 def rescale_states(
@@ -45,9 +47,8 @@ def rescale_states(
     plans = [_plan_axis(base[a], states.shape[a], voxel_size / new_voxel_size) for a in range(3)]
     shape = np.array([len(index) for _, index, _ in plans])
     check_num_voxels(shape, "the map at the new voxel size", "choose a larger voxel size")
-    for axis, (_, index, is_coarser) in enumerate(plans):
-        states = _apply_axis(states, axis, index, is_coarser)
-        odds = None if odds is None else _apply_axis(odds, axis, index, is_coarser)
+    states, odds = (None if values is None else _apply(values, plans) for values in (states, odds))
+    assert states is not None
     if odds is not None:
         odds = np.where(states == UNKNOWN, np.float32(0), odds)
     return states, origin_of_cell(np.array([low for low, _, _ in plans]), new_voxel_size), odds
@@ -65,6 +66,42 @@ def _plan_axis(base: float, count: int, ratio: float) -> tuple[int, np.ndarray, 
     return int(cell[inside][0]), source[inside], False
 
 
-def _apply_axis(values: np.ndarray, axis: int, index: np.ndarray, is_coarser: bool) -> np.ndarray:
-    # States are ordered unknown < free < occupied, so "occupied if any, else free if any" is the maximum.
-    return np.maximum.reduceat(values, index, axis=axis) if is_coarser else np.take(values, index, axis=axis)
+def _apply(values: np.ndarray, plans: list[tuple[int, np.ndarray, bool]]) -> np.ndarray:
+    """All three axes, a few planes at a time: what one axis leaves is in the cache for the next."""
+    _, index, is_coarser = plans[0]
+    result = np.empty([len(index) for _, index, _ in plans], values.dtype)
+
+    def fill(start: int) -> None:
+        rows = index[start : start + _PLANES]
+        if is_coarser:
+            end = index[start + _PLANES] if start + _PLANES < len(index) else len(values)
+            part = _largest(values[rows[0] : end], 0, rows - rows[0])
+        else:
+            part = values[rows]
+        for axis in (1, 2):
+            _, places, is_coarser_there = plans[axis]
+            part = _largest(part, axis, places) if is_coarser_there else np.take(part, places, axis=axis)
+        result[start : start + _PLANES] = part
+
+    spread(fill, range(0, len(index), _PLANES))
+    return result
+
+
+def _largest(values: np.ndarray, axis: int, first: np.ndarray) -> np.ndarray:
+    """Largest of each run of entries along an axis, by where the runs begin.
+
+    States are ordered unknown < free < occupied, so "occupied if any, else free if any" is the maximum.
+    """
+    last = np.append(first[1:], values.shape[axis]) - 1
+    largest = _entries(values, axis, first)
+    for step in range(1, int((last - first).max()) + 1):
+        # A run that has ended gives its last entry again.
+        largest = np.maximum(largest, _entries(values, axis, np.minimum(first + step, last)))
+    return largest
+
+
+def _entries(values: np.ndarray, axis: int, index: np.ndarray) -> np.ndarray:
+    steps = np.diff(index)
+    if len(steps) and steps[0] > 0 and (steps == steps[0]).all():
+        return values[(slice(None),) * axis + (slice(index[0], index[-1] + 1, steps[0]),)]
+    return np.take(values, index, axis=axis)
