@@ -47,8 +47,8 @@ def rescale_states(
     plans = [_plan_axis(base[a], states.shape[a], voxel_size / new_voxel_size) for a in range(3)]
     shape = np.array([len(index) for _, index, _ in plans])
     check_num_voxels(shape, "the map at the new voxel size", "choose a larger voxel size")
-    states, odds = (None if values is None else _apply(values, plans) for values in (states, odds))
-    assert states is not None
+    states = _apply(states, plans)
+    odds = None if odds is None else _apply(odds, plans)
     if odds is not None:
         odds = np.where(states == UNKNOWN, np.float32(0), odds)
     return states, origin_of_cell(np.array([low for low, _, _ in plans]), new_voxel_size), odds
