@@ -6,9 +6,10 @@ import pytest
 import voxjax as vx
 from oracles.motions import nudged, pose_error, random_pose
 from oracles.rooms import VOXEL, furnished_room
+from voxjax.registration.losses import robustify
 from voxjax.registration.prepared import prepare_map
 from voxjax.registration.refine import _radius, refine, refine_pose, sample_of, surface_of
-from voxjax.registration.residuals import Sample, Surface, mean_cost, move_about, robustify, surface_residuals
+from voxjax.registration.residuals import Sample, Surface, mean_cost, move_about, surface_residuals
 
 POINTS = 2048
 

@@ -17,10 +17,11 @@ from ..registration.leaders import Leaders
 from ..registration.map_features import FREE_SPACE, MapFeatures, map_features
 from ..registration.paper import register_paper
 from ..registration.refine import refine
-from ..registration.types import Evidence, Hypothesis, Registration
-from ..registration.verdict import Finding, decide, probabilities, support
+from ..registration.types import Hypothesis, Registration
+from ..registration.verdict import Finding, decide, probabilities
 from .config import Config, config_from
 from .memory_need import check_register_memory
+from .outcome import evidence_of, nothing_found, with_stats
 from .search import search
 
 FINE_VOXEL = 0.075
@@ -194,7 +195,7 @@ def register_prepared(
         nothing = nothing_found(
             "No source proposed a pose: the maps have too little structure.", RESULTS.too_few_corners
         )
-        return _with_stats(nothing, found.stats, seconds)
+        return with_stats(nothing, found.stats, seconds)
 
     # 2. The pose, its covariance and the verdict.
     announce("verdict")
@@ -213,7 +214,7 @@ def register_prepared(
             leaders.poses[i] if i else T_a_b,
             float(scores[i]),
             found.sources[i],
-            _evidence(leaders.judgement, i, a.prepared.num_points + b.prepared.num_points),
+            evidence_of(leaders.judgement, i, a.prepared.num_points + b.prepared.num_points),
         )
         for i in range(len(scores))
     )
@@ -222,7 +223,7 @@ def register_prepared(
         "ambiguous": RESULTS.ambiguous,
         "no_overlap": RESULTS.no_overlap,
     }
-    return _with_stats(
+    return with_stats(
         Registration(
             T_a_b=T_a_b, verdict=finding.verdict, confidence=finding.confidence, covariance=covariance,
             hypotheses=hypotheses, reason=finding.reason, result=result[finding.verdict], stats={},
@@ -230,37 +231,6 @@ def register_prepared(
         found.stats | {"source": hypotheses[0].source, "has_free_space": has_free_space, "free_space": free_space},
         seconds,
     )  # fmt: skip
-
-
-def nothing_found(reason: str, result: RESULTS) -> Registration:
-    """Outcome when there is no pose to speak of."""
-    return Registration(
-        T_a_b=np.eye(4, dtype=np.float32), verdict="no_overlap", confidence=0.0,
-        covariance=np.full((6, 6), np.inf, np.float32), hypotheses=(), reason=reason, result=result,
-        stats={"num_corners_a": 0, "num_corners_b": 0, "num_associations": 0, "clique_size": 0,
-               "num_hypotheses": 0, "seconds": {}},
-    )  # fmt: skip
-
-
-def _with_stats(found: Registration, stats: dict, seconds: dict[str, float]) -> Registration:
-    return Registration(
-        found.T_a_b, found.verdict, found.confidence, found.covariance, found.hypotheses, found.reason, found.result,
-        stats | {"seconds": seconds},
-    )  # fmt: skip
-
-
-def _evidence(judgement, i: int, num_voxels: int) -> Evidence:
-    met = max(float(judgement.hits[i] + judgement.conflicts[i] + judgement.opposed[i]), 1e-9)
-    return Evidence(
-        score=float(judgement.score()[i]),
-        occupied_agreement=float(judgement.hits[i] / met),
-        free_conflict=float(judgement.conflicts[i] / met),
-        num_hits=round(float(judgement.hits[i]) * num_voxels),
-        num_conflicts=round(float(judgement.conflicts[i]) * num_voxels),
-        support=float(support(judgement)[i]),
-        shared_area=float(judgement.shared[i]),
-        contradiction_area=float(judgement.pieces[i]),
-    )
 
 
 def _silent(stage: str) -> None:

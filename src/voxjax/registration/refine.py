@@ -16,11 +16,11 @@ from .._checks import InputError, check_choice, check_pose, check_positive
 from .._results import RESULTS
 from .._types import Array
 from ..grid import VoxelGrid
+from .losses import Loss
 from .prepared import PreparedMap, prepare_map, sample_rows
 from .residuals import (
     MIN_PLANARITY,
     Backward,
-    Loss,
     Sample,
     Surface,
     mean_cost,

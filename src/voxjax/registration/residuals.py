@@ -5,7 +5,7 @@ that both halves of it are decoupled and float32 keeps its digits.
 """
 
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,11 +15,10 @@ from .. import rigid
 from .._types import Array
 from ..ops.lookup import Block, entries, turn_columns, values_at
 from ..ops.nearest import NOTHING_NEAR, split_keys
+from .losses import Loss, robust_factor
 
 Scalar = Float[Array, ""] | np.floating
 """A length that may be traced."""
-
-Loss = Literal["geman_mcclure", "cauchy", "huber", "squared"]
 
 SLIDE_WEIGHT = 0.1
 """How much a distance along the surface counts beside one across it: the grid rounds the former."""
@@ -131,31 +130,6 @@ def meet(surface: Surface, sample: Sample, T: Float[Array, "4 4"]) -> Meeting:
     is_match = (key != NOTHING_NEAR) & ~(has_normals & (cosine < MIN_COSINE))
     gap = [moved[i] - entries(column, row) for i, column in enumerate(surface.points.T)]
     return Meeting(gap, normal, planarity, is_match)
-
-
-def robustify(offset: Float[Array, "n 3"], loss: Loss) -> Float[Array, "n 3"]:
-    """Shrink offsets [robust scale] so that their square is the robust loss; smooth at zero."""
-    return offset * robust_factor(jnp.sum(offset * offset, axis=-1, keepdims=True), loss)
-
-
-def robust_factor(squared: Float[Array, "*n"], loss: Loss) -> Float[Array, "*n"]:
-    """What an offset is multiplied by so that its square is the robust loss.
-
-    Args:
-        squared: Square of the offset, in units of the robust scale squared.
-        loss: What a large offset costs.
-    """
-    if loss == "squared":
-        return jnp.ones_like(squared)
-    if loss == "geman_mcclure":
-        return 1.0 / jnp.sqrt(1.0 + squared)
-    is_small = squared < (1.0 if loss == "huber" else 1e-4)
-    squared_safe = jnp.where(is_small, jnp.ones_like(squared), squared)
-    if loss == "huber":
-        factor = jnp.sqrt(2.0 * jnp.sqrt(squared_safe) - 1.0) / jnp.sqrt(squared_safe)
-        return jnp.where(is_small, jnp.ones_like(squared), factor)
-    factor = jnp.sqrt(jnp.log1p(squared_safe) / squared_safe)
-    return jnp.where(is_small, 1.0 - 0.25 * squared, factor)
 
 
 def surface_residuals(
