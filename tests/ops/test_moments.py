@@ -182,6 +182,13 @@ def test_several_grids_at_once_under_vmap():
             np.testing.assert_allclose(one[k], other, atol=1e-5)
 
 
+def test_constants_of_a_traced_function_are_values():
+    states = _scene()
+    index = np.argwhere(states == 2).astype(np.int32)
+    traced = jax.jit(lambda scale: scale * surface_moments(states, index).normal)(np.float32(1))
+    np.testing.assert_array_equal(traced, surface_moments(states, index).normal)
+
+
 def test_ten_grids_of_ten_sizes_share_their_kernels():
     kernel: Any = module._moments_of_piece
     kernel.clear_cache()

@@ -100,13 +100,16 @@ def _by_pieces(
 ) -> SurfaceMoments:
     """The moments of host arrays, as host arrays."""
     packed = pack_on_host(states, margin=_margin(size, reach))
-    packed = packed._replace(words=jax.device_put(packed.words))
-    length = _piece_length()
+    with (
+        jax.ensure_compile_time_eval()
+    ):  # constants of a function that is being traced are values all the same
+        packed = packed._replace(words=jax.device_put(packed.words))
+    sides, length = np.asarray(states.shape, np.uint32), _piece_length()
     found = [np.empty((len(index), *row), dtype) for row, dtype in _ROWS]
 
     def fill(start: int) -> None:
         rows = index[start : start + length]
-        if (rows.view(np.uint32) >= states.shape).any():  # negative ones are large as such
+        if (rows.view(np.uint32) >= sides).any():  # negative ones are large as such
             raise InputError(f"index must hold voxels inside the grid of {states.shape} voxels.")
         piece = rows if len(rows) == length else pad_rows(rows, length)
         done = _moments_of_piece(packed, piece, size=size, reach=reach)
