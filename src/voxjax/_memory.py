@@ -43,7 +43,7 @@ def check_memory(need: float, what: str, advice: str) -> None:
     limit = memory_limit()
     if limit is not None and need > limit:
         raise InputError(
-            f"{what} needs about {need / GIGABYTE:.2g} GB of memory and {limit / GIGABYTE:.2g} GB are available; "
+            f"{what} needs about {need / GIGABYTE:.3g} GB of memory and {limit / GIGABYTE:.3g} GB are available; "
             f"{advice}; VOXJAX_MEMORY=off skips this check."
         )
 
