@@ -18,14 +18,24 @@ except ImportError:
 
 
 def rows(*, quick: bool) -> Iterator[KernelRow]:
-    """Rows on a part of a grid of rooms, 64 or 96 voxels a side."""
-    side = 64 if quick else 96
-    yield _histograms_row(rooms(128 if quick else 256)[:side, :side, :side])
+    """Rows on points averaged as `describe_map` does, on the voxels of a part of the grid, and on random rows."""
+    states, side = rooms(128 if quick else 256), 64 if quick else 96
+    voxels = np.argwhere(states == OCCUPIED).astype(np.float32)
+    yield _histograms_row("averaged points", _averaged(voxels, 2.5))
+    yield _histograms_row("voxels", voxels[(voxels < side).all(axis=1)])
     yield _matching_row(4000 if quick else 16000)
 
 
-def _histograms_row(states: np.ndarray, radius: float = 5.0, capacity: int = 128) -> KernelRow:
-    points = np.argwhere(states == OCCUPIED).astype(np.float32)
+def _averaged(points: np.ndarray, spacing: float) -> np.ndarray:
+    """Mean point of each cell of a lattice, in units of its spacing."""
+    index = np.floor(points / spacing).astype(np.int64)
+    flat = np.ravel_multi_index(tuple(index.T), tuple(index.max(axis=0) + 1))
+    counts = np.bincount(flat)
+    means = [np.bincount(flat, column)[counts > 0] / counts[counts > 0] / spacing for column in points.T]
+    return np.stack(means, axis=1).astype(np.float32)
+
+
+def _histograms_row(name: str, points: np.ndarray, radius: float = 5.0, capacity: int = 128) -> KernelRow:
     normals = np.asarray(surface_normals(points, near_tiles(point_tree(points), 3.0), radius=3.0)[0])
 
     def ours() -> object:
@@ -48,7 +58,7 @@ def _histograms_row(states: np.ndarray, radius: float = 5.0, capacity: int = 128
         )
         note += "; Open3D's weights and choice of frames differ, so its values do"
     return KernelRow(
-        f"descriptors, {len(points)} points",
+        f"descriptors, {len(points)} {name}",
         "voxjax",
         candidates,
         len(points),

@@ -71,7 +71,7 @@ def test_a_map_matches_itself_row_by_row(room):
 
 KERNELS = (
     descriptor.is_within, descriptor.monomials, descriptor.closeness, descriptor.pair_bins, descriptor.count_bins,
-    descriptor.add_counts, descriptor._fit, descriptor_match._squares,
+    descriptor._fit, descriptor_match._squares,
 )  # fmt: skip
 
 

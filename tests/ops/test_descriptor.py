@@ -137,7 +137,7 @@ def test_nothing_and_one_point_are_described():
 
 
 def test_another_number_of_points_compiles_nothing():
-    kernels = (descriptor.pair_bins, descriptor.count_bins, descriptor.add_counts, descriptor.closeness)
+    kernels = (descriptor.pair_bins, descriptor.count_bins, descriptor.closeness)
     kernels += descriptor.is_within, descriptor.monomials, descriptor._fit
     before = None
     for n in (20, 1000, 333):

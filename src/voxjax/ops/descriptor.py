@@ -19,7 +19,6 @@ from .._types import Array
 from .descriptor_items import ItemWork, runs_from_host
 from .descriptor_pairs import (
     MOST_BINS,
-    add_counts,
     bytes_of,
     closeness,
     count_bins,
@@ -27,7 +26,7 @@ from .descriptor_pairs import (
     monomials,
     pair_bins,
 )
-from .descriptor_tiles import GROUP, LEAF, TILE, NearTiles
+from .descriptor_tiles import LEAF, TILE, NearTiles
 from .eigen import eigen_by_columns
 
 NUM_BINS = 11
@@ -63,7 +62,8 @@ def _normals(points: Any, near: NearTiles, radius: Any, *, from_host: bool) -> t
 
     def moments(tiles: Any, halves: Any) -> Any:
         own, others = work.take(tables, tiles, halves)
-        return work.mix(is_within(own, others, square), monomials(own, others))
+        terms = work.xp.asarray(monomials(own, others))
+        return work.mix(is_within(own, others, square), lambda part: terms[part])
 
     sums = work.by_point(work.add_up(moments, (TILE, 10)).reshape(-1, 10), points.shape[0]).T
     normals, variation = _fit_pieces(sums) if from_host else _fit(sums)
@@ -129,7 +129,7 @@ def _histograms(
     def simple(tiles: Any, halves: Any) -> Any:
         word = pair_bins(*work.take(tables, tiles, halves), square, num_bins=num_bins)
         bins = bytes_of(np.asarray(word) if from_host else word)
-        return add_counts(count_bins(bins, num_bins=num_bins), width=4 * TILE)
+        return count_bins(bins, num_bins=num_bins)
 
     counts = work.add_up(simple, (num_bins, 4 * TILE)).reshape(-1, num_bins, TILE, 4)
     counts = counts.transpose(0, 2, 3, 1)[:, :, :3].reshape(-1, LEAF, width)
@@ -138,7 +138,7 @@ def _histograms(
 
     def smooth(tiles: Any, halves: Any) -> Any:
         weights = closeness(*work.take(places, tiles, halves), square, spacing)
-        return work.mix(weights, xp.take(histograms, halves, axis=0).reshape(-1, GROUP * LEAF, width))
+        return work.mix(weights, lambda part: xp.take(histograms, halves[part], axis=0))
 
     total = work.by_point(work.add_up(smooth, (TILE, width)).reshape(-1, width), points.shape[0])
     total = total.reshape(-1, 3, num_bins)

@@ -18,11 +18,13 @@ from .._tables import on_cpu
 from .._threads import spread
 from .._types import Array
 from .descriptor_pairs import FAR
-from .descriptor_tiles import GROUP, TILE, NearTiles
+from .descriptor_tiles import GROUP, LEAF, TILE, NearTiles
 
 _ITEMS = 256
 _ITEMS_ELSEWHERE = 1024
 """Items of a piece: half a million pairs, whose arrays just stay in the cache of a core; and on other devices."""
+_PRODUCTS = 32
+"""Items whose products are taken at once on a CPU."""
 
 Evaluate = Callable[[Any, Any], Any]
 """From the tiles (i,) and the half tiles near them (i, 16) of some items to what each adds: (i, *shape)."""
@@ -63,11 +65,25 @@ class ItemWork:
         others = self.xp.take(tables[1], halves, axis=1)
         return self.xp.take(tables[0], tiles, axis=1), others.reshape(*others.shape[:2], -1)
 
-    def mix(self, weights: Any, values: Any) -> Any:
-        """Sums of the others' values (i, 128, w), weighted for each own point (i, 128, 16): (i, 16, w)."""
-        if self.from_host:
-            return np.matmul(np.asarray(weights).swapaxes(1, 2), values)
-        return jnp.einsum("iht,ihw->itw", weights, values)
+    def mix(self, weights: Any, values: Callable[[slice], Any]) -> Any:
+        """Sums of the others' values, weighted for each own point.
+
+        Args:
+            weights: (i, 128, 16).
+            values: From some of the items to what belongs to their others: (128 w numbers an item).
+
+        Returns:
+            (i, 16, w).
+        """
+        if not self.from_host:
+            return jnp.einsum("iht,ihw->itw", weights, values(slice(None)).reshape(*weights.shape[:2], -1))
+        turned, products = np.asarray(weights).swapaxes(1, 2), []
+        for first in range(0, len(turned), _PRODUCTS):  # in the cache of a core still, with their values
+            part = slice(first, first + _PRODUCTS)
+            products.append(
+                np.matmul(turned[part], values(part).reshape(len(turned[part]), GROUP * LEAF, -1))
+            )
+        return np.concatenate(products)
 
     def add_up(self, evaluate: Evaluate, shape: tuple[int, int]) -> Any:
         """What the items of each tile add up to: float32 (t, *shape)."""

@@ -21,8 +21,6 @@ MOST_BINS = 255
 _NONE = 0xFFFFFF
 _SLACK = 2.0**-14
 """How much narrower half a histogram is [bin]: more than the rounding of a cosine, so that none is beyond the last."""
-_TERMS = 8
-"""Others that one step of counting adds up; the partial sums lie side by side in bytes."""
 
 
 def _offsets(own: Array, others: Array) -> tuple[list[Array], Array]:
@@ -141,17 +139,13 @@ def bytes_of(word: UInt32[Array, "i 128 16"]) -> UInt8[Array, "i 128 64"]:
 
 
 @partial(jax.jit, static_argnames=("num_bins",))
-def count_bins(bins: UInt8[Array, "i 128 k"], *, num_bins: int) -> UInt8[Array, "i b 16*k"]:
-    """First step of counting: how often each bin comes up in each place among every sixteenth pair."""
-    parts = bins.reshape(bins.shape[0], _TERMS, -1)
+def count_bins(bins: UInt8[Array, "i 128 k"], *, num_bins: int) -> UInt8[Array, "i b k"]:
+    """How often each bin comes up among the others in each place, at most 128 times.
+
+    A sum of terms, which compilers turn into a loop over bytes; of a reduction they make one over scalars.
+    """
     which = jnp.arange(num_bins, dtype=jnp.uint8)[None, :, None]
-    total = (parts[:, 0, None] == which).astype(jnp.uint8)
-    for term in range(1, _TERMS):
-        total += (parts[:, term, None] == which).astype(jnp.uint8)
+    total = jnp.zeros((bins.shape[0], num_bins, bins.shape[2]), jnp.uint8)
+    for other in range(bins.shape[1]):
+        total += (bins[:, other, None] == which).astype(jnp.uint8)
     return total
-
-
-@partial(jax.jit, static_argnames=("width",))
-def add_counts(counts: UInt8[Array, "i b n"], *, width: int) -> UInt8[Array, "i b k"]:
-    """Second step: how often each bin comes up in each place, at most 128 times; `width` places an other."""
-    return jnp.sum(counts.reshape(*counts.shape[:2], -1, width), axis=2, dtype=jnp.uint8)

@@ -21,6 +21,8 @@ LEAF = 8
 """Points of a half tile: the others of a pair of tiles are listed half by half, which fits the ball more closely."""
 GROUP = 16
 """Half tiles of an item: at most 128 others, which a byte can count."""
+_TOP = 2
+"""Levels of the tree before its parts are made side by side."""
 _STEP = 3
 """Levels of the tree passed at once by the search."""
 _CHUNK = 512
@@ -75,6 +77,23 @@ def point_tree(points: Float[np.ndarray, "n 3"]) -> PointTree:
     columns = np.full((3, size), np.inf, np.float32)
     columns[:, :count] = np.asarray(points, np.float32).T
     rows = np.minimum(np.arange(size), count)
+    top = min(_TOP, levels)
+    columns, rows = _halved(columns, rows, top)
+    parts = zip(np.split(columns, 1 << top, axis=1), np.split(rows, 1 << top), strict=True)
+    parts = spread(lambda part: _halved(*part, levels - top), parts)
+    columns, rows = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
+    low, high = _boxes(columns, 1 << levels)
+    rows = np.sort(rows.reshape(-1, LEAF), axis=1)
+    lows, highs = [low], [high]
+    for _ in range(levels):
+        low, high = low.reshape(3, -1, 2).min(axis=2), high.reshape(3, -1, 2).max(axis=2)
+        lows.append(low)
+        highs.append(high)
+    return PointTree(rows, lows[::-1], highs[::-1])
+
+
+def _halved(columns: np.ndarray, rows: np.ndarray, levels: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points (3, n) and their rows in the order of a tree of so many levels."""
     for level in range(levels):
         low, high = _boxes(columns, 1 << level)
         axis = np.argmax(np.where(low <= high, high - low, 0), axis=0)
@@ -84,14 +103,7 @@ def point_tree(points: Float[np.ndarray, "n 3"]) -> PointTree:
         halves += (np.arange(1 << level) * keys.shape[1])[:, None]
         halves = halves.reshape(-1)
         columns, rows = np.take(columns, halves, axis=1), rows[halves]
-    low, high = _boxes(columns, 1 << levels)
-    rows = np.sort(rows.reshape(-1, LEAF), axis=1)
-    lows, highs = [low], [high]
-    for _ in range(levels):
-        low, high = low.reshape(3, -1, 2).min(axis=2), high.reshape(3, -1, 2).max(axis=2)
-        lows.append(low)
-        highs.append(high)
-    return PointTree(rows, lows[::-1], highs[::-1])
+    return columns, rows
 
 
 def _boxes(columns: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
