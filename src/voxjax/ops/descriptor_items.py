@@ -94,10 +94,8 @@ class ItemWork:
 
     def by_point(self, values: Any, count: int) -> Any:
         """Values (16 t, w) in the order of the points: (count, w)."""
-        rows, shape = (
-            self.near.rows.reshape(-1),
-            (count + 1, values.shape[1]),
-        )  # empty places write the last row
+        rows, shape = self.near.rows.reshape(-1), (count + 1, values.shape[1])
+        # Empty places write the last row.
         if not self.from_host:
             return jnp.zeros(shape, values.dtype).at[rows].set(values)[:count]
         result = np.zeros(shape, values.dtype)

@@ -14,8 +14,8 @@ from .descriptor_items import runs_from_host
 
 _CHUNK = 64
 """Rows compared at once by the kernel that compares all."""
-_ROWS, _COLUMNS = 1024, 1024
-"""Sizes of a block on a CPU: smaller ones cost more calls, larger ones leave the cache."""
+_ROWS, _COLUMNS = 512, 1024
+"""Sizes of a block on a CPU: smaller ones cost more calls, larger ones memory that is given back and cleared again."""
 _APART = 1e30
 """Squared distance to rows that take no part; infinity would not survive a product with 0."""
 
@@ -28,7 +28,7 @@ def mutual_nearest(
 ) -> tuple[Int[Array, "n"], Bool[Array, "n"], Float[Array, "n"]]:
     """Match descriptors that are each other's nearest; ties go to the lower row.
 
-    NumPy arrays are compared block by block on a CPU, so that other numbers of rows compile nothing; it takes n m / 128
+    NumPy arrays are compared block by block on a CPU, so that other numbers of rows compile nothing; it takes n m / 64
     bytes. All else is one kernel (`mutual_nearest_kernel`).
 
     Args:
