@@ -29,12 +29,14 @@ _HOME = {
     "fuse": "fusion.fuse",
     "merge": "pipeline.many",
     "Merge": "pipeline.many",
+    "use_compilation_cache": "_compilation_cache",
 }
 
 __all__ = ["__version__", *_HOME]
 
 if TYPE_CHECKING:
     from ._checks import InputError as InputError
+    from ._compilation_cache import use_compilation_cache as use_compilation_cache
     from ._results import RESULTS as RESULTS
     from .features.classify import classify_voxels as classify_voxels
     from .features.corners import Corners as Corners

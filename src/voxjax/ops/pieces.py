@@ -17,10 +17,10 @@ from .._tables import on_cpu
 from .._threads import num_cores, spread
 from .._types import Array
 
-PIECES = (1024, 4096)
+PIECES = (512, 1024, 4096)
 """Points of a piece: the smallest that holds the list, else the largest."""
 
-POSES = 64
+POSES = 512
 """Poses of a piece at most; how many of them there are is no part of its shape."""
 
 
@@ -35,7 +35,7 @@ def over_poses(
     """What a kernel gives for each of any number of poses.
 
     Args:
-        kernel: From poses (64, 4, 4) and the number of those that count to an array of 64 rows.
+        kernel: From poses (512, 4, 4) and the number of those that count to an array of 512 rows.
         poses: At least one.
         least_jobs: Cut them into at least so many calls, if there are so many poses: each core is to have one.
 
@@ -57,7 +57,7 @@ def sum_over_pieces(
     """Sums over all points for each pose.
 
     Args:
-        kernel: From lists of one of the lengths `PIECES`, poses (64, 4, 4) and their number to sums (64, m). Rows of
+        kernel: From lists of one of the lengths `PIECES`, poses (512, 4, 4) and their number to sums (512, m). Rows of
             zeros in the lists must add nothing.
         lists: float32, one row a point each.
         poses: Of any number.
