@@ -20,9 +20,9 @@ from .._types import Array
 from .descriptor_pairs import FAR
 from .descriptor_tiles import GROUP, LEAF, TILE, NearTiles
 
-_ITEMS = 256
+_ITEMS = 512
 _ITEMS_ELSEWHERE = 1024
-"""Items of a piece: half a million pairs, whose arrays just stay in the cache of a core; and on other devices."""
+"""Items of a piece on a CPU, a million pairs (smaller ones wait longer for their calls), and on other devices."""
 _PRODUCTS = 32
 """Items whose products are taken at once on a CPU."""
 
