@@ -1,20 +1,27 @@
 """Kernels on dense grids, on listed voxels, on blocks, tiles and device meshes; pure functions of arrays."""
 
+from .align import align_poses
 from .block_choice import box_count_at
 from .block_words import pack_words
 from .blocks import count_in_blocks, cut_blocks, dense_from_blocks, list_blocks, take_from_blocks
 from .box import box_count
 from .compact import occupied_indices
 from .components import connected_components, grow_regions, label_voxels
+from .descriptor import point_feature_histograms, surface_normals
+from .descriptor_match import mutual_nearest
+from .descriptor_tiles import near_tiles, point_tree
 from .distance import distance_field
 from .eigen import eigen_by_columns, symmetric_eigen
+from .evidence import evidence_codes, score_poses, surface_evidence
 from .interpolate import backward_affine, resample_nearest, resample_trilinear
 from .moments import surface_moments
+from .nearest import nearest_field, split_keys
 from .sharded import gather_shards, map_shards, shard_grid
 from .tiles import map_tiles
 from .window import count_change, count_steady_directions, window_classes
 
 __all__ = [
+    "align_poses",
     "backward_affine",
     "box_count",
     "box_count_at",
@@ -26,18 +33,28 @@ __all__ = [
     "dense_from_blocks",
     "distance_field",
     "eigen_by_columns",
+    "evidence_codes",
     "gather_shards",
     "grow_regions",
     "label_voxels",
     "list_blocks",
     "map_shards",
     "map_tiles",
+    "mutual_nearest",
+    "near_tiles",
+    "nearest_field",
     "occupied_indices",
     "pack_words",
+    "point_feature_histograms",
+    "point_tree",
     "resample_nearest",
     "resample_trilinear",
+    "score_poses",
     "shard_grid",
+    "split_keys",
+    "surface_evidence",
     "surface_moments",
+    "surface_normals",
     "symmetric_eigen",
     "take_from_blocks",
     "window_classes",
