@@ -91,7 +91,6 @@ class CodeField(NamedTuple):
         return jnp.stack([jnp.sum(jnp.where(code == k, weights, 0.0), dtype=jnp.float32) for k in kinds])
 
 
-@jax.jit
 def _sums_of_piece(field: SurfaceField | CodeField, *piece: Array) -> Float32[Array, "p m"]:
     """Sums under the first `count` of some poses; the rest is 0. `piece`: lists, poses, count."""
     *lists, poses, count = piece
@@ -104,6 +103,16 @@ def _sums_of_piece(field: SurfaceField | CodeField, *piece: Array) -> Float32[Ar
     return jax.lax.fori_loop(0, count, one, jnp.zeros((poses.shape[0], width), jnp.float32))
 
 
+@jax.jit
+def _surface_piece(field: SurfaceField, *piece: Array) -> Float32[Array, "p 10"]:
+    return _sums_of_piece(field, *piece)
+
+
+@jax.jit
+def _code_piece(field: CodeField, *piece: Array) -> Float32[Array, "p 3"]:
+    return _sums_of_piece(field, *piece)
+
+
 @partial(jax.jit, static_argnames=("batch_size",))
 def _sums_at_once(field: SurfaceField | CodeField, lists: tuple, poses: Array, batch_size: int) -> Array:
     columns = [rows.T for rows in lists]
@@ -114,7 +123,8 @@ def _sums(field: SurfaceField | CodeField, lists: tuple, poses: Array, batch_siz
     if not runs_in_pieces(field, lists, poses):
         return _sums_at_once(field, lists, poses, batch_size)
     held = jax.device_put(field)
-    found = sum_over_pieces(partial(_sums_of_piece, held), [np.asarray(a) for a in lists], np.asarray(poses))
+    kernel = _code_piece if isinstance(field, CodeField) else _surface_piece
+    found = sum_over_pieces(partial(kernel, held), [np.asarray(a) for a in lists], np.asarray(poses))
     return found.astype(np.float32)
 
 

@@ -17,7 +17,7 @@ from .._tables import on_cpu
 from .._threads import num_cores, spread
 from .._types import Array
 
-PIECES = (512, 1024, 4096)
+PIECES = (128, 512, 1024, 4096, 16384)
 """Points of a piece: the smallest that holds the list, else the largest."""
 
 POSES = 512

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from .._threads import spread
 from .corner_hypotheses import frame_poses, subgraph_poses
 from .descriptor_hypotheses import descriptor_hypotheses
 from .exhaustive import exhaustive_hypotheses, upright_frame
@@ -87,9 +88,9 @@ class ProposalCollector:
         """Add the best poses of single corner pairs."""
 
         def propose() -> None:
-            self.stats["num_corners_a"] = self._a.corners.num_listed
-            self.stats["num_corners_b"] = self._b.corners.num_listed
-            found = frame_poses(self._a.corners, self._b.corners)
+            corners = spread(lambda features: features.corners, (self._a, self._b))
+            self.stats["num_corners_a"], self.stats["num_corners_b"] = (c.num_listed for c in corners)
+            found = frame_poses(*corners)
             poses, is_observed = found.poses, found.is_observed
             is_allowed = self._allowed(poses)
             poses, is_observed = poses[is_allowed], is_observed[is_allowed]
@@ -130,7 +131,9 @@ class ProposalCollector:
 
         def propose() -> None:
             use_free_space = self._a.prepared.has_free_space and self._b.prepared.has_free_space
-            described = [m.late.descriptors(use_free_space=use_free_space) for m in (self._a, self._b)]
+            described = spread(
+                lambda features: features.late.descriptors(use_free_space=use_free_space), (self._a, self._b)
+            )
             poses, sizes = descriptor_hypotheses(described[0], described[1], max_hypotheses=max_poses)
             self.stats["descriptor_clique_size"] = int(sizes[0]) if len(sizes) else 0
             self.stats["num_hypotheses"] += len(poses)
