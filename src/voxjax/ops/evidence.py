@@ -91,16 +91,25 @@ class CodeField(NamedTuple):
         return jnp.stack([jnp.sum(jnp.where(code == k, weights, 0.0), dtype=jnp.float32) for k in kinds])
 
 
+_STEP = 4096
+"""Lookups of one step at least."""
+
+
 def _sums_of_piece(field: SurfaceField | CodeField, *piece: Array) -> Float32[Array, "p m"]:
-    """Sums under the first `count` of some poses; the rest is 0. `piece`: lists, poses, count."""
+    """Sums under the first `count` of some poses, what follows is of no use; `piece`: lists, poses, count."""
     *lists, poses, count = piece
     columns = [rows.T for rows in lists]
+    # A step of the loop costs as much as some thousand lookups.
+    together = max(_STEP // columns[0].shape[1], 1)
+
+    def some(i: jax.Array, sums: jax.Array) -> jax.Array:
+        step = jax.lax.dynamic_slice_in_dim(poses, i * together, together)
+        found = jax.vmap(lambda T: field.sums(T, *columns))(step)
+        return jax.lax.dynamic_update_slice_in_dim(sums, found, i * together, 0)
+
     width = jax.eval_shape(field.sums, poses[0], *columns).shape[0]
-
-    def one(i: jax.Array, sums: jax.Array) -> jax.Array:
-        return sums.at[i].set(field.sums(poses[i], *columns))
-
-    return jax.lax.fori_loop(0, count, one, jnp.zeros((poses.shape[0], width), jnp.float32))
+    start = jnp.zeros((poses.shape[0], width), jnp.float32)
+    return jax.lax.fori_loop(0, (count + together - 1) // together, some, start)
 
 
 @jax.jit
