@@ -5,8 +5,10 @@ that both halves of it are decoupled and float32 keeps its digits.
 """
 
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32, UInt32
@@ -157,6 +159,8 @@ def surface_residuals(
     return pose_residuals(move_about(T, sample.centroid, tangent), surface, sample, scale, loss=loss)
 
 
+# Jitted: a solver asks for residuals many times while it is traced, and JAX keeps what it has traced.
+@partial(jax.jit, static_argnames="loss")
 def pose_residuals(
     T: Float[Array, "4 4"], surface: Surface, sample: Sample, scale: Scalar, *, loss: Loss
 ) -> Float[Array, "3 n"]:
@@ -184,6 +188,7 @@ class Backward(NamedTuple):
     sample: Sample
 
 
+@partial(jax.jit, static_argnames="loss")
 def mutual_residuals(
     T: Float[Array, "4 4"],
     surface: Surface,
@@ -201,6 +206,7 @@ def mutual_residuals(
     return jnp.concatenate([forward, backward], axis=1) * np.float32(np.sqrt(0.5))
 
 
+@partial(jax.jit, static_argnames="loss")
 def mean_cost(
     T: Float[Array, "4 4"],
     surface: Surface,
