@@ -76,11 +76,15 @@ def _kernels(side: int) -> dict[str, Callable[[], object]]:
 def _draw(path: Path, curves: dict[str, list[tuple[float, float]]], x: str, y: str) -> None:
     """One line a name, both axes logarithmic."""
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import NullLocator
 
     figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
     for name, points in curves.items():
         axes.plot(*np.transpose(points), marker="o", label=name)
     axes.set(xscale="log", yscale="log", xlabel=x, ylabel=y)
+    measured = sorted({size for points in curves.values() for size, _ in points})
+    axes.set_xticks(measured, [f"{size:,.0f}" for size in measured])
+    axes.xaxis.set_minor_locator(NullLocator())
     axes.grid(alpha=0.3, which="both")
     axes.legend()
     figure.savefig(path, dpi=120)

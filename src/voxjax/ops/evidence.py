@@ -91,7 +91,7 @@ class CodeField(NamedTuple):
         return jnp.stack([jnp.sum(jnp.where(code == k, weights, 0.0), dtype=jnp.float32) for k in kinds])
 
 
-_STEP = 4096
+_STEP = 1024
 """Lookups of one step at least."""
 
 
@@ -99,8 +99,11 @@ def _sums_of_piece(field: SurfaceField | CodeField, *piece: Array) -> Float32[Ar
     """Sums under the first `count` of some poses, what follows is of no use; `piece`: lists, poses, count."""
     *lists, poses, count = piece
     columns = [rows.T for rows in lists]
-    # A step of the loop costs as much as some thousand lookups.
+    # A step of the loop costs as much as some hundred lookups; but arrays of two axes cost twice those of one.
     together = max(_STEP // columns[0].shape[1], 1)
+
+    def one(i: jax.Array, sums: jax.Array) -> jax.Array:
+        return sums.at[i].set(field.sums(poses[i], *columns))
 
     def some(i: jax.Array, sums: jax.Array) -> jax.Array:
         step = jax.lax.dynamic_slice_in_dim(poses, i * together, together)
@@ -109,7 +112,8 @@ def _sums_of_piece(field: SurfaceField | CodeField, *piece: Array) -> Float32[Ar
 
     width = jax.eval_shape(field.sums, poses[0], *columns).shape[0]
     start = jnp.zeros((poses.shape[0], width), jnp.float32)
-    return jax.lax.fori_loop(0, (count + together - 1) // together, some, start)
+    num_steps = (count + together - 1) // together
+    return jax.lax.fori_loop(0, num_steps, one if together == 1 else some, start)
 
 
 @jax.jit
