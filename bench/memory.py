@@ -31,6 +31,11 @@ _SIZES = (0.2, 0.1, 0.05)
 
 def peak_megabytes() -> float:
     """Largest resident set of this process so far [MB]."""
+    status = Path("/proc/self/status")
+    if status.exists():
+        # Linux hands the largest set of the process that started this one on in `ru_maxrss`.
+        line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM:"))
+        return int(line.split()[1]) * 1.024e-3
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _KILOBYTES * 1.024e-3
 
 

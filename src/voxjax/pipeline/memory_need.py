@@ -17,10 +17,9 @@ KEPT_PER_VOXEL, KEPT_PER_OCCUPIED = 8.0, 60.0
 each voxel of the box around what is known; 14 numbers for each occupied one."""
 
 WORK_PER_VOXEL, WORK_PER_OCCUPIED = 0.5, 100.0
-"""What the two maps of a pair take beside that while they are worked on [byte]. With these, estimates were 0.9 to 1.2
-times the peaks of processes that compiled all kernels, and half a gigabyte more than those of processes that loaded
-them (docs/running.md; `python -m bench memory`): what needs half a gigabyte less than two thirds of the memory that is
-available is never refused."""
+"""What the two maps of a pair take beside that while they are worked on [byte]. With these, estimates were 1.0 to 1.8
+times what a process that compiled all kernels grew by in one call (`python -m bench memory`): what needs half of the
+memory that is available is never refused."""
 
 
 class MapSize(NamedTuple):
