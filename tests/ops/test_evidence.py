@@ -78,3 +78,15 @@ def test_a_surface_that_faces_the_other_way_is_no_hit(room):
     np.testing.assert_allclose(np.asarray(unsigned), [[1, 0, 0, 0]], atol=1e-5)
     unknown, _ = judge(np.zeros_like(normals), True)
     np.testing.assert_allclose(np.asarray(unknown), [[1, 0, 0, 0]], atol=1e-5)
+
+
+@pytest.mark.parametrize(("num_points", "num_poses"), [(0, 3), (7, 0), (0, 0)])
+def test_no_points_and_no_poses_give_empty_sums(room, num_points, num_poses):
+    index, keys, codes, block = block_of(room)
+    points, weights = np.zeros((num_points, 3), np.float32), np.zeros(num_points, np.float32)
+    poses = np.tile(np.eye(4, dtype=np.float32), (num_poses, 1, 1))
+    normals = np.zeros((len(index), 3), np.float32)
+    scores = np.asarray(score_poses(codes, *block, points, weights, poses))
+    sums, information = surface_evidence(codes, keys, *block, normals, points, points, weights, poses, True)
+    for found, shape in ((scores, (3,)), (sums, (4,)), (information, (3, 3))):
+        np.testing.assert_array_equal(np.asarray(found), np.zeros((num_poses, *shape)))

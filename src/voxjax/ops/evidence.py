@@ -133,7 +133,7 @@ def _sums_at_once(field: SurfaceField | CodeField, lists: tuple, poses: Array, b
 
 
 def _sums(field: SurfaceField | CodeField, lists: tuple, poses: Array, batch_size: int) -> Array:
-    if not runs_in_pieces(field, lists, poses):
+    if not runs_in_pieces(field, lists, poses) or not (len(poses) and len(lists[0])):
         return _sums_at_once(field, lists, poses, batch_size)
     held = jax.device_put(field)
     kernel = _code_piece if isinstance(field, CodeField) else _surface_piece
