@@ -1,13 +1,12 @@
 """Search of all translations for given rotations, on the host or on an accelerator; the same scores."""
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
+from .._threads import spread
 from .._types import Array
 from ..ops import correlate_host as host
 from ..ops.correlate import coarse_spectra, correlation_peaks
@@ -103,17 +102,17 @@ def search_on_host(
             return spectra(0, place.block_a, place.low_a, place.box_a, key[1])
         return spectra(1, place.upright_b, place.upright_low_b, place.box_b, key[1])
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        known = dict(zip(first, pool.map(transform, first), strict=True))
+    known = dict(zip(first, spread(transform, first), strict=True))
 
-        def search(place: Placement, cells: Cells, key_a: tuple, key_b: tuple) -> Peaks:
-            of_b = (host.reverse(field, place.is_reversed, cells=cells) for field in known[key_b])
-            top, shift = host.correlation_peaks(*known[key_a], *of_b, cells=cells, num_peaks=num_peaks)
-            # Reversing a box about its first cell brings its last cell there.
-            shift = shift - np.where(place.is_reversed, place.box_b - 1, 0)
-            return top, _unwrapped(shift, place.box_a, cells)
+    def search(job: tuple[Placement, Cells, tuple, tuple]) -> Peaks:
+        place, cells, key_a, key_b = job
+        of_b = (host.reverse(field, place.is_reversed, cells=cells) for field in known[key_b])
+        top, shift = host.correlation_peaks(*known[key_a], *of_b, cells=cells, num_peaks=num_peaks)
+        # Reversing a box about its first cell brings its last cell there.
+        shift = shift - np.where(place.is_reversed, place.box_b - 1, 0)
+        return top, _unwrapped(shift, place.box_a, cells)
 
-        return list(pool.map(search, placements, needed, keys_a, keys_b))
+    return spread(search, zip(placements, needed, keys_a, keys_b, strict=True))
 
 
 def search_on_device(
