@@ -1,0 +1,161 @@
+"""Results of the benchmark of refinement: the file that keeps them, targets, lines for people, Markdown for the README.
+
+The file holds, by part, what it ran on ("setting"), whether in the quick form ("quick"), and its "rows"; see
+bench/refinement_parts.py. It lies in a folder of its own, for bench/results has files of kernels.
+"""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from bench.timing import format_seconds
+from voxjax import InputError
+from voxjax.io.atomic import write_bytes
+
+Row = dict[str, Any]
+Results = dict[str, dict[str, Any]]
+
+FOLDER = Path(__file__).parent / "results" / "refinement"
+FILE = "refinement.json"
+
+OURS = "voxjax, both ways"
+"""The method that the targets are for: what `voxjax.register` runs."""
+
+MOST_VOXELS, MOST_DEGREES = 0.3, 0.1
+"""Targets of the medians on generated pairs without drift."""
+
+CONVERGED_SHARE = 0.9
+"""A basin is as wide as the largest error up to which so many converge."""
+
+
+def read(path: Path) -> Results:
+    """Results of all parts.
+
+    Raises:
+        InputError: If there is no such file.
+    """
+    if not path.exists():
+        raise InputError(f"there is no file {path}; run the benchmark, or name its folder with --results.")
+    return json.loads(path.read_text())
+
+
+def write(path: Path, part: str, result: dict[str, Any]) -> None:
+    """Put one part's results into the file; other parts stay."""
+    results = (read(path) if path.exists() else {}) | {part: _rounded(result)}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_bytes(path, (json.dumps(results, indent=1) + "\n").encode(), force=True)
+
+
+def lines_of(row: Row) -> list[str]:
+    """A row of any part for people: its names, then its numbers."""
+    if "suite" in row:
+        metres, degrees, seconds = row["metres"], row["degrees"], row["seconds"]
+        return [
+            f"{row['suite']:<11} {row['method']:<26} {row['num_poses']:>3} poses  {metres[0]:.4f} / {metres[1]:.4f} m"
+            f"  {row['voxels'][0]:.3f} voxel  {degrees[0]:.3f} / {degrees[1]:.3f} deg"
+            f"  converged {100 * row['converged']:3.0f} %  {format_seconds(seconds[0])}"
+            f"  prepare {format_seconds(row['prepare_seconds'][0])}"
+        ]
+    if "line" in row:
+        shares = " ".join(f"{100 * share:3.0f}" for share in row["converged"])
+        return [f"{row['line']:<11} {row['method']:<26} {shares} %  wide {_width_text(row)}"]
+    return [", ".join(f"{name} {value}" for name, value in row.items())]
+
+
+def width(row: Row) -> tuple[float, float]:
+    """Largest start error (metres, degrees) of a basin row such that from it and all smaller ones 90 % converge."""
+    reached = (0.0, 0.0)
+    for metres, degrees, share in zip(row["metres"], row["degrees"], row["converged"], strict=True):
+        if share < CONVERGED_SHARE:
+            break
+        reached = metres, degrees
+    return reached
+
+
+def targets(results: Results) -> list[tuple[str, str, bool]]:
+    """What was asked for, what was measured, whether it was met."""
+    found = []
+    accuracy = results.get("accuracy", {}).get("rows", [])
+    for suite in dict.fromkeys(row["suite"] for row in accuracy):
+        ours, peers = _split([row for row in accuracy if row["suite"] == suite])
+        if ours is None:
+            continue
+        if suite == "drift-free":
+            for key, most, unit in (("voxels", MOST_VOXELS, "voxel"), ("degrees", MOST_DEGREES, "degrees")):
+                median = ours[key][0]
+                found.append((f"{suite}: median <= {most:g} {unit}", f"{median:.3g}", median <= most))
+        for key, unit in (("metres", "m"), ("degrees", "degrees")):
+            if peers:
+                best = min(peers, key=lambda row: row[key][0])
+                text = f"{ours[key][0]:.3g}, {best['method']} {best[key][0]:.3g}"
+                is_met = ours[key][0] <= best[key][0]
+                found.append((f"{suite}: median [{unit}] no worse than any peer's", text, is_met))
+    basin = results.get("basin", {}).get("rows", [])
+    for line in dict.fromkeys(row["line"] for row in basin):
+        ours, peers = _split([row for row in basin if row["line"] == line])
+        if ours is not None and peers:
+            best = max(peers, key=width)
+            text = f"{_width_text(ours)}, {best['method']} {_width_text(best)}"
+            found.append((f"basin, {line}: as wide as any peer's", text, width(ours) >= width(best)))
+    return found
+
+
+def markdown(results: Results) -> str:
+    """Tables of accuracy, basin and targets, of the parts that are there."""
+    parts = []
+    if "accuracy" in results:
+        rows = results["accuracy"]["rows"]
+        head = ("pairs", "method", "error [m], median / 90 %", "voxels", "degrees, median / 90 %", "converged",
+                "time", "preparation")  # fmt: skip
+        parts.append(_table(head, [_accuracy_cells(row) for row in rows]))
+    if "basin" in results:
+        rows = results["basin"]["rows"]
+        lines = list(dict.fromkeys(row["line"] for row in rows))
+        by_method: dict[str, dict[str, Row]] = {}
+        for row in rows:
+            by_method.setdefault(row["method"], {})[row["line"]] = row
+        cells = [[name, *(_width_text(mine[line]) for line in lines)] for name, mine in by_method.items()]
+        parts.append(_table((f"{100 * CONVERGED_SHARE:g} % converge up to", *lines), cells))
+    judged = [[what, value, "met" if is_met else "missed"] for what, value, is_met in targets(results)]
+    if judged:
+        parts.append(_table(("target", "measured", ""), judged))
+    quick = [name for name, part in results.items() if part["quick"]]
+    if quick:
+        parts.append(f"In the quick form, on few pairs: {', '.join(quick)}.")
+    return "\n\n".join(parts)
+
+
+def _accuracy_cells(row: Row) -> list[str]:
+    return [
+        f"{row['suite']} ({row['num_pairs']})", row["method"], f"{row['metres'][0]:.3f} / {row['metres'][1]:.3f}",
+        f"{row['voxels'][0]:.2f}", f"{row['degrees'][0]:.3f} / {row['degrees'][1]:.3f}",
+        f"{100 * row['converged']:.0f} %", format_seconds(row["seconds"][0]),
+        format_seconds(row["prepare_seconds"][0]),
+    ]  # fmt: skip
+
+
+def _split(rows: Sequence[Row]) -> tuple[Row | None, list[Row]]:
+    """Our row, and those of the peers."""
+    ours = next((row for row in rows if row["method"] == OURS), None)
+    return ours, [row for row in rows if not row["method"].startswith("voxjax")]
+
+
+def _width_text(row: Row) -> str:
+    metres, degrees = width(row)
+    texts = [f"{metres:g} m"] * (row["metres"][-1] > 0.0) + [f"{degrees:g}°"] * (row["degrees"][-1] > 0.0)
+    return ", ".join(texts)
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
+    return "\n".join([*lines, *(f"| {' | '.join(cells)} |" for cells in rows)])
+
+
+def _rounded(value: Any) -> Any:
+    """The value with numbers of four significant digits: more is noise, and the file stays small."""
+    if isinstance(value, dict):
+        return {k: _rounded(v) for k, v in value.items()}
+    if isinstance(value, list):
+        return [_rounded(v) for v in value]
+    return float(f"{value:.4g}") if isinstance(value, float) else value
