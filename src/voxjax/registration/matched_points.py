@@ -13,8 +13,8 @@ from scipy.spatial import KDTree
 from .._buckets import pad_rows, wide_bucket_size
 from .._types import Array
 from ..matching.common_subgraph import Align, kabsch
-from .losses import robustify
-from .residuals import move_about
+from ..refinement.equations import move_about
+from ..refinement.losses import robustify
 
 MAX_NEIGHBOURS = 64
 """Occupied voxels taken around one corner; nearest first."""

@@ -33,3 +33,19 @@ def robust_factor(squared: Float[Array, "*n"], loss: Loss) -> Float[Array, "*n"]
         return jnp.where(is_small, jnp.ones_like(squared), factor)
     factor = jnp.sqrt(jnp.log1p(squared_safe) / squared_safe)
     return jnp.where(is_small, 1.0 - 0.25 * squared, factor)
+
+
+def robust_slope(squared: Float[Array, "*n"], loss: Loss) -> Float[Array, "*n"]:
+    """Derivative of the robust loss with respect to the squared offset: the weight that a point has left.
+
+    Args:
+        squared: Square of the offset, in units of the robust scale squared.
+        loss: What a large offset costs.
+    """
+    if loss == "squared":
+        return jnp.ones_like(squared)
+    if loss == "geman_mcclure":
+        return 1.0 / ((1.0 + squared) * (1.0 + squared))
+    if loss == "cauchy":
+        return 1.0 / (1.0 + squared)
+    return 1.0 / jnp.sqrt(jnp.maximum(squared, 1.0))
