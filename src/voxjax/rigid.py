@@ -1,12 +1,22 @@
-"""Rigid motions as plain (4, 4) matrices: exp, log, inverse, action.
+"""Rigid motions as plain (4, 4) matrices: exp, log, inverse, adjoint, action.
 
-Tangent vectors are (translation, rotation), metres and radians. `T_a_b` maps points of frame b into frame a.
+Tangent vectors are (translation, rotation), metres and radians. `T_a_b` maps points of frame b into frame a. Results
+have the dtype of the input and its accuracy. First derivatives, forward and reverse, are right at the identity too and
+finite everywhere; at a half-turn, where `log` jumps, they are those of one of its sides.
 """
 
+import functools
+import math
+from collections.abc import Sequence
+
+import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
 from ._types import Array
+
+# The default precision of a float32 product is lower on some devices.
+_matmul = functools.partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
 
 
 def hat(omega: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
@@ -19,16 +29,36 @@ def hat(omega: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
 
 def _series_coefficients(angle_sq: Array) -> tuple[Array, Array, Array]:
     """Return sin t / t, (1 - cos t) / t^2 and (t - sin t) / t^3 as smooth functions of t^2, also at zero."""
-    is_small = angle_sq < 1e-2
+    # Taylor series near zero, where the quotients lose digits. float64 leaves no error on either side of its bound, in
+    # derivatives neither; float32 takes fewer terms, good to rounding.
+    bound, num_terms = (1.0, 10) if angle_sq.dtype == jnp.float64 else (1e-2, 3)
+    is_small = angle_sq < bound
     angle_sq_safe = jnp.where(is_small, jnp.ones_like(angle_sq), angle_sq)
     t = jnp.sqrt(angle_sq_safe)
-    # Two trigonometric calls and three Taylor series: float32 loses 1 - cos t below t = 0.1.
-    a = jnp.where(is_small, 1.0 - angle_sq / 6.0 + angle_sq**2 / 120.0, jnp.sin(t) / t)
-    b = jnp.where(is_small, 0.5 - angle_sq / 24.0 + angle_sq**2 / 720.0, (1.0 - jnp.cos(t)) / angle_sq_safe)
-    c = jnp.where(
-        is_small, 1.0 / 6.0 - angle_sq / 120.0 + angle_sq**2 / 5040.0, (t - jnp.sin(t)) / (angle_sq_safe * t)
+    quotients = jnp.sin(t) / t, (1.0 - jnp.cos(t)) / angle_sq_safe, (t - jnp.sin(t)) / (angle_sq_safe * t)
+    a, b, c = (
+        jnp.where(
+            is_small, _taylor(angle_sq, [1 / math.factorial(2 * k + n) for k in range(num_terms)]), quotient
+        )
+        for n, quotient in enumerate(quotients, 1)
     )
     return a, b, c
+
+
+def _inverse_jacobian_coefficient(angle_sq: Array, a: Array, b: Array) -> Array:
+    """Return (1 - t / 2 / tan(t / 2)) / t^2 of an angle up to pi, from its first two series coefficients."""
+    is_small = angle_sq < 1.0
+    angle_sq_safe = jnp.where(is_small, jnp.ones_like(angle_sq), angle_sq)
+    series = _taylor(angle_sq, [k / math.factorial(2 * k + 2) for k in range(1, 10)])
+    return jnp.where(is_small, series, (b - 0.5 * a) / angle_sq_safe) / b
+
+
+def _taylor(x: Array, coefficients: Sequence[float]) -> Array:
+    """Alternating power series: c[0] - c[1] x + c[2] x^2 - ..."""
+    total = jnp.full_like(x, coefficients[0])
+    for k, coefficient in enumerate(coefficients[1:], 1):
+        total = total + (-1) ** k * coefficient * x**k
+    return total
 
 
 def _identity_like(matrices: Array) -> Array:
@@ -39,7 +69,7 @@ def exp_so3(omega: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
     """Rotation matrix of a rotation vector [rad]; smooth at zero."""
     a, b, _ = _series_coefficients(jnp.sum(omega * omega, axis=-1))
     skew = hat(omega)
-    return _identity_like(skew) + a[..., None, None] * skew + b[..., None, None] * (skew @ skew)
+    return _identity_like(skew) + a[..., None, None] * skew + b[..., None, None] * _matmul(skew, skew)
 
 
 def exp(tangent: Float[Array, "*batch 6"]) -> Float[Array, "*batch 4 4"]:
@@ -47,11 +77,11 @@ def exp(tangent: Float[Array, "*batch 6"]) -> Float[Array, "*batch 4 4"]:
     v, omega = tangent[..., :3], tangent[..., 3:]
     a, b, c = _series_coefficients(jnp.sum(omega * omega, axis=-1))
     skew = hat(omega)
-    skew_sq = skew @ skew
+    skew_sq = _matmul(skew, skew)
     identity = _identity_like(skew)
     rotation = identity + a[..., None, None] * skew + b[..., None, None] * skew_sq
     left_jacobian = identity + b[..., None, None] * skew + c[..., None, None] * skew_sq
-    return from_rotation_translation(rotation, (left_jacobian @ v[..., None])[..., 0])
+    return from_rotation_translation(rotation, _matmul(left_jacobian, v[..., None])[..., 0])
 
 
 def log_so3(rotation: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3"]:
@@ -78,22 +108,29 @@ def log_so3(rotation: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3"]:
     q = q / jnp.linalg.norm(q, axis=-1, keepdims=True)
     q = jnp.where(q[..., :1] < 0.0, -q, q)
     w, v = q[..., 0], q[..., 1:]
-    norm_sq = jnp.sum(v * v, axis=-1)
-    is_small = norm_sq < 1e-8
+    return v * _angle_over_sine(jnp.sum(v * v, axis=-1), w)[..., None]
+
+
+def _angle_over_sine(norm_sq: Array, w: Array) -> Array:
+    """Rotation angle over the length of the vector part of a unit quaternion (w, v), w >= 0; smooth at v = 0."""
+    # As in `_series_coefficients`: float64 takes terms until none is left.
+    bound, num_terms = (1e-2, 8) if w.dtype == jnp.float64 else (1e-8, 1)
+    is_small = norm_sq < bound
     norm_safe = jnp.sqrt(jnp.where(is_small, jnp.ones_like(norm_sq), norm_sq))
-    scale = jnp.where(
-        is_small, 2.0 / jnp.where(is_small, w, jnp.ones_like(w)), 2.0 * jnp.arctan2(norm_safe, w) / norm_safe
-    )
-    return v * scale[..., None]
+    w_safe = jnp.where(is_small, w, jnp.ones_like(w))
+    series = _taylor(norm_sq / w_safe**2, [1 / (2 * k + 1) for k in range(num_terms)])
+    return jnp.where(is_small, 2.0 * series / w_safe, 2.0 * jnp.arctan2(norm_safe, w) / norm_safe)
 
 
 def log(T: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 6"]:
     """Tangent vector (translation [m], rotation [rad]) of a pose; inverse of `exp` for angles below pi."""
     omega = log_so3(T[..., :3, :3])
-    _, b, c = _series_coefficients(jnp.sum(omega * omega, axis=-1))
+    angle_sq = jnp.sum(omega * omega, axis=-1)
+    a, b, _ = _series_coefficients(angle_sq)
+    d = _inverse_jacobian_coefficient(angle_sq, a, b)
     skew = hat(omega)
-    left_jacobian = _identity_like(skew) + b[..., None, None] * skew + c[..., None, None] * (skew @ skew)
-    v = jnp.linalg.solve(left_jacobian, T[..., :3, 3:])[..., 0]
+    inverse_left_jacobian = _identity_like(skew) - 0.5 * skew + d[..., None, None] * _matmul(skew, skew)
+    v = _matmul(inverse_left_jacobian, T[..., :3, 3:])[..., 0]
     return jnp.concatenate([v, omega], axis=-1)
 
 
@@ -109,10 +146,20 @@ def from_rotation_translation(
 def inverse(T: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 4 4"]:
     """Inverse pose, by transposition: `T_b_a` of `T_a_b`."""
     rotation_t = jnp.swapaxes(T[..., :3, :3], -1, -2)
-    return from_rotation_translation(rotation_t, -(rotation_t @ T[..., :3, 3:])[..., 0])
+    return from_rotation_translation(rotation_t, -_matmul(rotation_t, T[..., :3, 3:])[..., 0])
+
+
+def adjoint(T: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 6 6"]:
+    """Matrix that moves tangents through a pose: `exp(adjoint(T) @ x) = T @ exp(x) @ inverse(T)`.
+
+    A covariance of left tangents, `exp(x) @ pose`, moves to another frame or centre as `A @ covariance @ A.T`.
+    """
+    rotation = T[..., :3, :3]
+    top = jnp.concatenate([rotation, _matmul(hat(T[..., :3, 3]), rotation)], axis=-1)
+    return jnp.concatenate([top, jnp.concatenate([jnp.zeros_like(rotation), rotation], axis=-1)], axis=-2)
 
 
 def apply(T: Float[Array, "4 4"], points: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
     """Points [m] moved by the pose: `p_a = T_a_b @ p_b`."""
-    moved = points @ jnp.swapaxes(T[:3, :3], 0, 1)
+    moved = _matmul(points, jnp.swapaxes(T[:3, :3], 0, 1))
     return moved + jnp.broadcast_to(T[:3, 3], moved.shape)
