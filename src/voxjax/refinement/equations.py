@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import lineax as lx
+import numpy as np
 from jaxtyping import Float
 
 from .. import rigid
@@ -44,7 +45,7 @@ class NormalEquations(NamedTuple):
 
     def along(self, slopes: Float[Array, "k m"]) -> "NormalEquations":
         """The same in other unknowns, with which these change by `slopes`."""
-        return NormalEquations(self.cost, slopes.T @ self.slope, slopes.T @ self.matrix @ slopes)
+        return NormalEquations(self.cost, slopes.T @ self.slope, jnp.asarray(slopes.T @ (self.matrix @ slopes)))
 
     def fall(self, move: Float[Array, "k"]) -> Float[Array, ""]:
         """By how much the cost should fall with a step."""
@@ -79,7 +80,7 @@ def pose_equations(
                 return term.rows(move_about(T_a_b, centroid, tangent), level)
 
             found.append(dense_equations(rows, jnp.zeros(6, T_a_b.dtype)))
-    return NormalEquations(*(sum(part[1:], start=part[0]) for part in zip(*found, strict=True)))
+    return jax.tree.map(lambda *parts: sum(parts[1:], start=parts[0]), *found)
 
 
 def move_about(
@@ -121,43 +122,33 @@ def _of_points(
     sums = jnp.stack(gram + pull) @ jnp.stack(products).T
     rows = robust_rows(offset, weights, term.loss)
     cost = 0.5 * jnp.sum(rows * rows, dtype=rows.dtype)
-    return NormalEquations(cost, _slope(sums[6:]), _matrix(sums[:6]))
+    found = jnp.asarray(_FROM_SUMS, sums.dtype) @ sums.reshape(-1)
+    return NormalEquations(cost, found[:6], found[6:].reshape(6, 6))
 
 
-def _slope(sums: Float[Array, "3 10"]) -> Float[Array, "6"]:
-    """Sums of `pull` and of `arm x pull`."""
-    turn = [sums[(i + 2) % 3, 1 + (i + 1) % 3] - sums[(i + 1) % 3, 1 + (i + 2) % 3] for i in range(3)]
-    return jnp.concatenate([sums[:, 0], jnp.stack(turn)])
-
-
-def _matrix(sums: Float[Array, "6 10"]) -> Float[Array, "6 6"]:
-    """The 6 x 6 matrix from sums of entries of gram times 1, arm and products of arms."""
+def _sums_to_equations() -> np.ndarray:
+    """Constants that turn the sums into slope and matrix: float64 (42, 90)."""
     entry = {pair: k for k, pair in enumerate(_PAIRS)} | {(j, i): k for k, (i, j) in enumerate(_PAIRS)}
 
-    def gram(i: int, j: int, product: int) -> Array:
-        return sums[entry[i, j], product]
-
-    # Column j of -hat(arm): the point moves by e_j x arm, so by +arm[c] along b and -arm[b] along c.
-    def turned(j: int) -> list[tuple[int, int, float]]:
-        b, c = (j + 1) % 3, (j + 2) % 3
+    def moves(unknown: int) -> list[tuple[int, int | None, float]]:
+        """Axes along which a point moves with an unknown, the part of its arm (None: 1), and the sign."""
+        if unknown < 3:
+            return [(unknown, None, 1.0)]
+        b, c = (unknown - 2) % 3, (unknown - 1) % 3
         return [(c, b, 1.0), (b, c, -1.0)]
 
-    top = [[gram(i, j, 0) for j in range(3)] for i in range(3)]
-    mixed = [
-        [sum(sign * gram(i, axis, 1 + arm) for axis, arm, sign in turned(j)) for j in range(3)]
-        for i in range(3)
-    ]
-    low = [
-        [
-            sum(
-                s * t * gram(axis, other, 4 + entry[arm, brm])
-                for axis, arm, s in turned(i)
-                for other, brm, t in turned(j)
-            )
-            for j in range(3)
-        ]
-        for i in range(3)
-    ]
-    upper = jnp.stack([jnp.stack(top[i] + mixed[i]) for i in range(3)])
-    lower = jnp.stack([jnp.stack([mixed[k][i] for k in range(3)] + low[i]) for i in range(3)])
-    return jnp.concatenate([upper, lower])
+    def product(left: int | None, right: int | None) -> int:
+        known = [arm for arm in (left, right) if arm is not None]
+        return 0 if not known else 1 + known[0] if len(known) == 1 else 4 + entry[known[0], known[1]]
+
+    weights = np.zeros((42, 9, 10))
+    for i in range(6):
+        for axis, arm, sign in moves(i):
+            weights[i, 6 + axis, product(arm, None)] += sign
+            for j in range(6):
+                for other, brm, turn in moves(j):
+                    weights[6 + 6 * i + j, entry[axis, other], product(arm, brm)] += sign * turn
+    return weights.reshape(42, 90)
+
+
+_FROM_SUMS = _sums_to_equations()

@@ -71,6 +71,13 @@ class Sample(NamedTuple):
     weights: Float[Array, "n"]
     centroid: Float[Array, "3"]
 
+    def thinned(self, stride: int) -> "Sample":
+        """Every `stride`-th point; together they weigh as much as all."""
+        points, normals, weights = (rows[::stride] for rows in self[:3])
+        least = jnp.finfo(weights.dtype).tiny
+        total, left = (jnp.sum(w, dtype=w.dtype) for w in (self.weights, weights))
+        return Sample(points, normals, weights * (total / jnp.maximum(left, least)), self.centroid)
+
 
 class Meeting(NamedTuple):
     """What points meet under a pose, by columns.
@@ -145,15 +152,18 @@ class Planes(Term):
     def holding(self, met: Meeting) -> "MatchedPlanes":
         """See `Term`."""
         far = jnp.asarray(self.surface.voxel_size * FAR_VOXELS)
-        return MatchedPlanes(met, self.sample, self.slide, far, self.loss, self.is_inverse)
+        return MatchedPlanes(
+            meeting=met,
+            sample=self.sample,
+            slide=self.slide,
+            far=far,
+            loss=self.loss,
+            is_inverse=self.is_inverse,
+        )
 
     def thinned(self, stride: int) -> "Planes":
         """See `Term`."""
-        points, normals, weights = (rows[::stride] for rows in self.sample[:3])
-        total = jnp.sum(self.sample.weights, dtype=weights.dtype)
-        share = total / jnp.maximum(jnp.sum(weights, dtype=weights.dtype), jnp.finfo(weights.dtype).tiny)
-        sample = Sample(points, normals, weights * share, self.sample.centroid)
-        return Planes(self.surface, sample, self.slide, self.loss, self.is_inverse)
+        return Planes(self.surface, self.sample.thinned(stride), self.slide, self.loss, self.is_inverse)
 
 
 class MatchedPlanes(PointTerm):

@@ -161,7 +161,13 @@ def _solve(
     chart = _Chart(start, problem.centroid, jax.lax.stop_gradient(units))
     num_levels = scales.shape[0]
     solver = AnnealedLevenbergMarquardt(
-        RTOL[dtype], atol, rough, _lookup, _equations, num_levels, max_level_steps
+        rtol=RTOL[dtype],
+        atol=atol,
+        rough=rough,
+        lookup=_lookup,
+        equations=_equations,
+        num_levels=num_levels,
+        max_level_steps=max_level_steps,
     )
     solution = optx.least_squares(
         _residuals,
