@@ -60,7 +60,7 @@ def test_the_transpose_and_the_tangent_are_those_of_a_linear_map():
         np.testing.assert_allclose(
             pull(jnp.asarray(cotangent))[0], (matrix * cotangent).sum(axis=(1, 2)), rtol=1e-11, atol=1e-10
         )
-        _, push = jax.linearize(jax.jit(lambda w: ball_sums(w, neighbours)), weights)
+        _, push = jax.linearize(lambda w: ball_sums(w, neighbours), weights)
         np.testing.assert_allclose(push(tangent), moved, rtol=1e-12, atol=1e-11)
 
 
@@ -70,10 +70,10 @@ def test_batches_of_weights_and_of_cotangents_are_one_by_one():
     found = jax.vmap(ball_sums, in_axes=(0, None))(weights, neighbours)
     for row, one in zip(weights, found, strict=True):
         np.testing.assert_array_equal(one, ball_sums(row, neighbours))
-    gradient = jax.jit(jax.grad(lambda w: jnp.sum(ball_sums(w, neighbours) ** 2)))
-    batched = jax.jit(jax.vmap(gradient))(weights)
+    gradient = jax.grad(lambda w, n: jnp.sum(ball_sums(w, n) ** 2))
+    batched = jax.jit(jax.vmap(gradient, in_axes=(0, None)))(weights, neighbours)
     for row, one in zip(weights, batched, strict=True):
-        np.testing.assert_array_equal(one, gradient(row))
+        np.testing.assert_array_equal(one, jax.jit(gradient)(row, neighbours))
 
 
 def test_one_piece_for_all_as_elsewhere_gives_the_same_sums(monkeypatch):
