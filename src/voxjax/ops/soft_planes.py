@@ -56,8 +56,8 @@ def soft_planes(
 
     The normal is the eigenvector of the smallest eigenvalue of the weighted covariance, turned toward a given
     direction. Where the smallest eigenvalues tie (posts, lines, lone voxels), all normals across fit equally well, and
-    the one nearest to the given direction is taken. Differentiable in the occupancy in both modes;
-    what has no derivative, as the turn between tied axes, is left out, so that gradients are finite everywhere.
+    the one nearest to the given direction is taken. Differentiable in the occupancy in both modes; what
+    has no derivative, as the turn between tied axes, is left out, so that gradients are finite everywhere.
 
     Args:
         occupancy: Probability in [0, 1] of each voxel of the list that the neighbourhood was built of, in its order;
