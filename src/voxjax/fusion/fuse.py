@@ -1,7 +1,7 @@
 """Fusion of maps whose poses are known: resample all into one lattice, then apply a rule voxel by voxel."""
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +13,11 @@ from ..grid import VoxelGrid
 from ..ops.lattice import check_num_voxels, moved_bounds, origin_of_cell
 from ..ops.resample import chunk_size, flat_source, lookup_chunk, source_from_target, take_flat
 from .rules import RULES, fuse_keep, fuse_log_odds, fuse_paper, log_odds_of_states
+from .soft import Lattice, check_soft_pose, fuse_soft, is_traced, soft_fuse_memory
+
+INTERPOLATIONS = ("nearest", "trilinear")
+
+ADVICE = "check the poses, leave out far maps, or give a larger voxel_size"
 
 FUSE_FIXED = 0.2e9
 """Compiled kernels, and the chunks that are worked on [byte]."""
@@ -24,6 +29,8 @@ def fuse(
     *,
     rule: str | None = None,
     voxel_size: float | None = None,
+    interpolation: str = "nearest",
+    onto: VoxelGrid | None = None,
 ) -> VoxelGrid:
     """Fuse maps into one, in the frame that the poses map into.
 
@@ -38,14 +45,24 @@ def fuse(
             None is "log_odds" if every map has log-odds, else "keep".
         voxel_size: Of the result [m]. None is the finest of the maps': no detail is lost, and the result
             does not depend on their order. Maps finer than it are coarsened first, occupied parts winning.
+        interpolation: "nearest", or "trilinear" between log-odds, for the rule "log_odds" only (None is that
+            rule here): the fused log-odds, which are not limited then, are differentiable in the poses and in
+            the maps' log-odds under JAX's transformations, see `soft.fuse_soft`.
+        onto: For "trilinear": a map whose origin, shape and voxel size the result takes; its values are not
+            looked at. Poses that are traced by JAX need it, because they cannot decide a shape.
 
     Returns:
         The fused map; with log-odds under the rule "log_odds" only, the others are about states.
 
     Raises:
-        InputError: If there is no map, a pose is missing or not rigid, or the fused map would have more than
-            2**31 - 1 voxels or need more memory than there is (`fuse_memory`).
+        InputError: If there is no map, a pose is missing or not rigid, the fused map would have more than
+            2**31 - 1 voxels or need more memory than there is (`fuse_memory`), or the options do not go together.
     """
+    check_choice("interpolation", interpolation, INTERPOLATIONS)
+    if interpolation == "trilinear":
+        return _fuse_trilinear(grids, poses, rule, voxel_size, onto)
+    if onto is not None:
+        raise InputError('onto is for interpolation="trilinear", got interpolation="nearest".')
     grids, matrices = _checked(grids, poses)
     if rule is None:
         rule = "log_odds" if all(grid.log_odds is not None for grid in grids) else "keep"
@@ -54,21 +71,15 @@ def fuse(
         voxel_size = min(grid.voxel_size for grid in grids)
     voxel_size = check_positive("voxel_size", voxel_size, "m")
     grids = [grid.with_voxel_size(voxel_size) if grid.voxel_size < voxel_size else grid for grid in grids]
-    bounds = [
-        moved_bounds(np.asarray(g.states), np.asarray(g.origin), g.voxel_size, T, voxel_size)
-        for g, T in zip(grids, matrices, strict=True)
-    ]
-    filled = [(low, high) for low, high in bounds if (high > low).all()]
-    if not filled:
+    bounds = _bounds(grids, matrices, voxel_size)
+    found = _common_box(bounds)
+    if found is None:
         return VoxelGrid(np.zeros((1, 1, 1), np.uint8), np.zeros(3, np.float32), voxel_size)
-    low = np.min([low for low, _ in filled], axis=0)
-    shape = np.max([high for _, high in filled], axis=0) - low
-    advice = "check the poses, leave out far maps, or give a larger voxel_size"
-    check_num_voxels(shape, "the fused map", advice)
+    low, shape = found
     need = fuse_memory(
         int(np.prod(shape)), [grid.states.size for grid in grids], has_log_odds=rule == "log_odds"
     )
-    check_memory(need, f"a fused map of {' x '.join(map(str, shape))} voxels of {voxel_size:g} m", advice)
+    check_memory(need, f"a fused map of {' x '.join(map(str, shape))} voxels of {voxel_size:g} m", ADVICE)
     sources = [
         _source(grid, T, voxel_size, low, bound)
         for grid, T, bound in zip(grids, matrices, bounds, strict=True)
@@ -76,6 +87,79 @@ def fuse(
     ]
     states, log_odds = _fuse_chunks(sources, shape, rule)
     return VoxelGrid(states, origin_of_cell(low, voxel_size), voxel_size, log_odds)
+
+
+def _fuse_trilinear(
+    grids: Sequence[VoxelGrid],
+    poses: Sequence[object],
+    rule: str | None,
+    voxel_size: float | None,
+    onto: VoxelGrid | None,
+) -> VoxelGrid:
+    if rule not in (None, "log_odds"):
+        raise InputError(f'interpolation="trilinear" is for rule="log_odds", got rule={rule!r}.')
+    grids, matrices = _checked(grids, poses, check_soft_pose)
+    if any(is_traced(part) for grid in grids for part in (grid.states, grid.origin)):
+        raise InputError(
+            "states and origins of grids must not be traced by JAX; pass poses and log-odds alone through jit and grad."
+        )
+    if onto is not None:
+        if voxel_size is not None:
+            raise InputError(
+                "voxel_size must be None where onto is given, whose voxel size the result takes."
+            )
+        target = Lattice(np.asarray(onto.origin), onto.shape, onto.voxel_size)
+    else:
+        target = _chosen_lattice(grids, matrices, voxel_size)
+    check_num_voxels(np.asarray(target.shape), "the fused map", ADVICE)
+    need = FUSE_FIXED + soft_fuse_memory(int(np.prod(target.shape)), [grid.states.size for grid in grids])
+    check_memory(need, f"a soft fused map of {' x '.join(map(str, target.shape))} voxels", ADVICE)
+    states, log_odds = fuse_soft([_coarsened(grid, target.voxel_size) for grid in grids], matrices, target)
+    return VoxelGrid(states, target.origin, target.voxel_size, log_odds)
+
+
+def _chosen_lattice(grids: list[VoxelGrid], matrices: list, voxel_size: float | None) -> Lattice:
+    """The lattice that nearest fusion takes."""
+    if any(is_traced(matrix) for matrix in matrices):
+        raise InputError(
+            "onto must be given where poses are traced by JAX (jit, grad, vmap): the shape of the result must be known."
+        )
+    size = min(grid.voxel_size for grid in grids) if voxel_size is None else voxel_size
+    size = check_positive("voxel_size", size, "m")
+    found = _common_box(_bounds([_coarsened(grid, size) for grid in grids], matrices, size))
+    low, shape = (np.zeros(3, np.int64), np.ones(3, np.int64)) if found is None else found
+    x, y, z = shape.tolist()
+    return Lattice(origin_of_cell(low, size), (x, y, z), size)
+
+
+def _coarsened(grid: VoxelGrid, voxel_size: float) -> VoxelGrid:
+    if grid.voxel_size >= voxel_size:
+        return grid
+    if is_traced(grid.log_odds):
+        raise InputError(
+            f"a map whose log-odds are traced by JAX must not be finer than the result, got {grid.voxel_size:g} m "
+            f"and {voxel_size:g} m; coarsen it first."
+        )
+    return grid.with_voxel_size(voxel_size)
+
+
+def _bounds(grids: list[VoxelGrid], matrices: list, voxel_size: float) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Cells of the lattice that each map can fill: lowest, and one past the highest."""
+    return [
+        moved_bounds(np.asarray(g.states), np.asarray(g.origin), g.voxel_size, T, voxel_size)
+        for g, T in zip(grids, matrices, strict=True)
+    ]
+
+
+def _common_box(bounds: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray] | None:
+    """Lowest cell and shape of the box around all maps; None if nothing is known in any."""
+    filled = [(low, high) for low, high in bounds if (high > low).all()]
+    if not filled:
+        return None
+    low = np.min([low for low, _ in filled], axis=0)
+    shape = np.max([high for _, high in filled], axis=0) - low
+    check_num_voxels(shape, "the fused map", ADVICE)
+    return low, shape
 
 
 def fuse_memory(num_fused: int, num_voxels: Sequence[int], *, has_log_odds: bool) -> float:
@@ -158,7 +242,9 @@ def _fuse_chunk(
     return fuse_keep(jnp.stack(states)), None
 
 
-def _checked(grids: Sequence[VoxelGrid], poses: Sequence[object]) -> tuple[list[VoxelGrid], list[np.ndarray]]:
+def _checked(
+    grids: Sequence[VoxelGrid], poses: Sequence[object], check: Callable[[str, object], Any] = check_pose
+) -> tuple[list[VoxelGrid], list]:
     grids, poses = list(grids), list(poses)
     if not grids:
         raise InputError("grids must hold at least one map, got none.")
@@ -169,4 +255,4 @@ def _checked(grids: Sequence[VoxelGrid], poses: Sequence[object]) -> tuple[list[
             raise InputError(
                 f"poses[{number}] is None: that map has no place; leave it out of grids and poses."
             )
-    return grids, [check_pose(f"poses[{number}]", pose) for number, pose in enumerate(poses)]
+    return grids, [check(f"poses[{number}]", pose) for number, pose in enumerate(poses)]
