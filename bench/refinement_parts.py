@@ -62,6 +62,7 @@ def accuracy_rows(plan: Plan, refiners: Sequence[Refiner]) -> Iterator[Row]:
     """A row for each suite and method: errors after refinement, share converged, times."""
     found: dict[tuple[str, str], list[Row]] = {}
     for turn, case in enumerate(plan.suites):
+        print(f"  {case.name}", flush=True)
         pair = case.load()
         starts = starts_of(
             case, pair, plan.starts, metres=START_METRES, degrees=START_DEGREES, seed=plan.seed
@@ -104,6 +105,7 @@ def basin_rows(plan: Plan, refiners: Sequence[Refiner]) -> Iterator[Row]:
     share = np.linspace(0.0, 1.0, plan.levels)
     hits: dict[tuple[str, str], np.ndarray] = {}
     for turn, case in enumerate(plan.basin):
+        print(f"  {case.name}", flush=True)
         pair = case.load()
         for refiner in _turned(refiners, turn):
             refine = refiner.prepare_wide(pair)

@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.plots import wilson_interval
 from bench.refinement_table import CONVERGED_SHARE, MOST_DEGREES, MOST_VOXELS, Results, Row
 
 
@@ -27,7 +26,7 @@ def draw(results: Results, folder: Path) -> list[Path]:
 
 
 def _draw_basin(rows: Sequence[Row], path: Path) -> None:
-    """One panel for each line of starts, one curve a method, with 95 % intervals."""
+    """One panel for each line of starts, one curve a method, the peers' dashed."""
     import matplotlib.pyplot as plt
 
     lines = list(dict.fromkeys(row["line"] for row in rows))
@@ -38,16 +37,13 @@ def _draw_basin(rows: Sequence[Row], path: Path) -> None:
         for row in (row for row in rows if row["line"] == line):
             by_degrees = line == "rotation"
             x, shares = row["degrees" if by_degrees else "metres"], row["converged"]
-            trials = row["num_trials"]
-            bounds = [wilson_interval(round(s * n), n) for s, n in zip(shares, trials, strict=True)]
-            (curve,) = axes.plot(x, shares, marker="o", markersize=4, label=row["method"])
-            low, high = zip(*bounds, strict=True)
-            axes.fill_between(x, low, high, color=curve.get_color(), alpha=0.08)
+            dashes = "-" if row["method"].startswith("voxjax") else "--"
+            axes.plot(x, shares, dashes, marker="o", markersize=4, alpha=0.8, label=row["method"])
         unit = {"translation": "m", "rotation": "degrees", "both": "m, with 15 degrees a metre"}[line]
         axes.axhline(CONVERGED_SHARE, color="grey", linestyle=":", linewidth=1)
         axes.set(xlabel=f"error of the start [{unit}]", title=line, ylim=(-0.03, 1.03))
         axes.grid(alpha=0.3)
-    panels[0].set_ylabel("share converged, with 95 % interval")
+    panels[0].set_ylabel("share converged")
     panels[-1].legend(fontsize=8)
     figure.savefig(path, dpi=120)
     plt.close(figure)
