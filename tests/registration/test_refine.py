@@ -7,12 +7,13 @@ import voxjax as vx
 from oracles.motions import nudged, pose_error, random_pose
 from oracles.rooms import VOXEL, furnished_room
 from voxjax.refinement.equations import move_about
-from voxjax.refinement.losses import robust_slope, robustify
+from voxjax.refinement.losses import Loss, robust_slope, robustify
 from voxjax.refinement.planes import SLIDE_WEIGHT, Planes, Sample
 from voxjax.refinement.pose import PoseProblem, solve_pose
 from voxjax.refinement.terms import Level
+from voxjax.registration.map_views import hard_view
 from voxjax.registration.prepared import prepare_map
-from voxjax.registration.problem import plane_problem, radius_of, sample_of, surface_of
+from voxjax.registration.problem import pose_problem, radius_of, sample_of, surface_of
 from voxjax.registration.refine import refine
 
 POINTS = 2048
@@ -30,10 +31,10 @@ def pair():
 @pytest.fixture(scope="module")
 def arrays(pair):
     a, b, T, _ = pair
-    return surface_of(a, is_signed=True), sample_of(b, POINTS), T.astype(np.float32)
+    return surface_of(hard_view(a), is_signed=True), sample_of(hard_view(b), POINTS), T.astype(np.float32)
 
 
-def planes_of(surface, sample, loss="geman_mcclure"):
+def planes_of(surface, sample, loss: Loss = "geman_mcclure"):
     problem = PoseProblem(
         (Planes(surface, sample, np.asarray(SLIDE_WEIGHT, np.float32), loss),),
         sample.centroid,
@@ -207,7 +208,9 @@ def test_the_other_side_of_a_wall_is_no_match():
     shift = np.eye(4, dtype=np.float32)
     shift[2, 3] = VOXEL
     signed, unsigned = (
-        planes_of(surface_of(a, is_signed=is_signed), sample_of(b, POINTS)).cost(shift, level_of(scale))
+        planes_of(surface_of(hard_view(a), is_signed=is_signed), sample_of(hard_view(b), POINTS)).cost(
+            shift, level_of(scale)
+        )
         for is_signed in (True, False)
     )
     assert float(unsigned) < 0.2 < 0.8 < float(signed)
@@ -234,7 +237,7 @@ def test_the_maps_the_other_way_round_give_the_inverse_pose(pair):
 
 
 def test_a_second_start_and_other_scales_compile_nothing(pair):
-    problem = plane_problem(*pair[:2], num_points=POINTS)
+    problem = pose_problem(*pair[:2], num_points=POINTS)
     scales = np.array([0.2, 0.1], np.float32)
     solve_pose(problem, jnp.asarray(pair[2], jnp.float32), scales)
     count = solve_pose._cached._cache_size  # pyright: ignore
@@ -244,5 +247,5 @@ def test_a_second_start_and_other_scales_compile_nothing(pair):
 
 
 def test_a_problem_is_a_pytree_of_arrays(pair):
-    problem = plane_problem(*pair[:2], num_points=POINTS, both_ways=True)
+    problem = pose_problem(*pair[:2], num_points=POINTS, both_ways=True)
     assert all(hasattr(leaf, "dtype") for leaf in jax.tree.leaves(problem))

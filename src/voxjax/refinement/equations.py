@@ -39,13 +39,15 @@ class NormalEquations(NamedTuple):
         floor = (
             jnp.asarray(LEAST_DAMPING, diagonal.dtype) * jnp.max(diagonal) + jnp.finfo(diagonal.dtype).tiny
         )
-        damped = self.matrix + jnp.diag(damping * diagonal + floor)
+        damped = jnp.asarray(self.matrix) + jnp.diag(damping * diagonal + floor)
         operator = lx.MatrixLinearOperator(damped, lx.positive_semidefinite_tag)
         return -lx.linear_solve(operator, self.slope, lx.Cholesky(), throw=False).value
 
     def along(self, slopes: Float[Array, "k m"]) -> "NormalEquations":
         """The same in other unknowns, with which these change by `slopes`."""
-        return NormalEquations(self.cost, slopes.T @ self.slope, jnp.asarray(slopes.T @ (self.matrix @ slopes)))
+        return NormalEquations(
+            self.cost, slopes.T @ self.slope, jnp.asarray(slopes.T @ (self.matrix @ slopes))
+        )
 
     def fall(self, move: Float[Array, "k"]) -> Float[Array, ""]:
         """By how much the cost should fall with a step."""

@@ -39,6 +39,7 @@ class Surface(NamedTuple):
         normals: Unit normals there.
         planarity: In [0, 1]: how far to trust the normals.
         is_signed: Whether the normals of both maps point to free space, so that two sides of a wall differ.
+        trust: Factor on the weight of a point that meets the voxel, at least 0; None for 1.
     """
 
     keys: UInt32[Array, "flat"]
@@ -49,6 +50,7 @@ class Surface(NamedTuple):
     normals: Float[Array, "m 3"]
     planarity: Float[Array, "m"]
     is_signed: Bool[Array, ""]
+    trust: Float[Array, "m"] | None = None
 
     @property
     def block(self) -> Block:
@@ -88,12 +90,14 @@ class Meeting(NamedTuple):
         planarity: In [0, 1].
         is_match: There is a voxel in reach, and it does not face another way (the other side of a wall, a floor upon a
             ceiling).
+        trust: Of what they meet, 1 for no match; None for 1 everywhere.
     """
 
     anchor: list[Array]
     normal: list[Array]
     planarity: Float[Array, "n"]
     is_match: Bool[Array, "n"]
+    trust: Float[Array, "n"] | None
 
 
 def meet(
@@ -118,7 +122,10 @@ def meet(
     has_normals = (planarity > MIN_PLANARITY) & jnp.any(normals != 0.0, axis=-1)
     is_match = (key != NOTHING_NEAR) & ~(has_normals & (cosine < MIN_COSINE))
     anchor = [entries(column, row) for column in surface.points.T]
-    return Meeting(anchor, normal, planarity, is_match)
+    trust = surface.trust
+    if trust is not None:
+        trust = jnp.where(is_match, entries(trust, row), jnp.ones_like(planarity))
+    return Meeting(anchor, normal, planarity, is_match, trust)
 
 
 class Planes(Term):
@@ -191,7 +198,8 @@ class MatchedPlanes(PointTerm):
 
     def weights(self) -> Float[Array, "n"]:
         """See `PointTerm`."""
-        return self.sample.weights
+        trust = self.meeting.trust
+        return self.sample.weights if trust is None else self.sample.weights * trust
 
     def offsets(self, points: Columns, level: Level) -> Columns:
         """See `PointTerm`."""

@@ -184,6 +184,41 @@ def _solve(
 
 
 @eqx.filter_jit
+def problem_cost(
+    problem: PoseProblem, T_a_b: Float[Array, "4 4"], scales: Float[Array, "levels"]
+) -> Float[Array, ""]:
+    """Cost of a pose at the last level."""
+    return problem.cost(jnp.asarray(T_a_b), Level(scales[-1], jnp.asarray(scales.shape[0] - 1, jnp.int32)))
+
+
+@eqx.filter_jit
+def find_basin(
+    problem: PoseProblem,
+    T_a_b: Float[Array, "4 4"],
+    scales: Float[Array, "levels"],
+    *,
+    max_level_steps: int = MAX_LEVEL_STEPS,
+) -> tuple[Float[Array, "4 4"], Int32[Array, ""]]:
+    """The levels before the last one, on fewer points; without a derivative.
+
+    Args:
+        problem: As for `solve_pose`.
+        T_a_b: Start.
+        scales: Of all levels, the last of which is left out [m].
+        max_level_steps: Evaluations on each level.
+
+    Returns:
+        A pose for `solve_pose` to begin the last level with, and the evaluations.
+    """
+    problem, start, scales = jax.lax.stop_gradient((problem, jnp.asarray(T_a_b), scales))
+    if scales.shape[0] == 1:
+        return start, jnp.zeros((), jnp.int32)
+    thinned = problem.thinned(COARSE_STRIDE)
+    found, steps, _ = _solve(thinned, start, scales[:-1], atol=COARSE_STEP, max_level_steps=max_level_steps)
+    return found, steps
+
+
+@eqx.filter_jit
 def solve_pose(
     problem: PoseProblem,
     T_a_b: Float[Array, "4 4"],
@@ -214,13 +249,8 @@ def solve_pose(
     """
     start = jnp.asarray(T_a_b)
     dtype = start.dtype
+    found, steps = find_basin(problem, start, scales, max_level_steps=max_level_steps)
     fixed, levels = jax.lax.stop_gradient((problem, scales))
-    found, steps = start, jnp.zeros((), jnp.int32)
-    if scales.shape[0] > 1:
-        found, more, _ = _solve(
-            fixed.thinned(COARSE_STRIDE), found, levels, atol=COARSE_STEP, max_level_steps=max_level_steps
-        )
-        steps = steps + more
     found, more, _ = _solve(
         fixed, found, levels[-1:], atol=FINE_STEP, rough=COARSE_STEP, max_level_steps=max_level_steps
     )

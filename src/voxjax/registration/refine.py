@@ -1,19 +1,28 @@
 """Refinement of a pose on the surfaces of two maps, by optimistix (section IV.D)."""
 
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int32
+from jax.core import Tracer
+from jaxtyping import Bool, Float, Int32
 
 from .._checks import InputError, check_choice, check_pose, check_positive
 from .._results import RESULTS
+from .._threads import spread
 from .._types import Array
 from ..grid import VoxelGrid
 from ..refinement.covariance import PATCH_VOXELS, PRIOR, pose_covariance
 from ..refinement.losses import Loss
-from ..refinement.pose import solve_pose
+from ..refinement.pose import PoseProblem, RefinedPose, problem_cost, solve_pose
+from ..refinement.terms import Term
+from .many_starts import solve_starts
+from .map_views import MapView, hard_view, soft_map
 from .prepared import PreparedMap, prepare_map
-from .problem import plane_problem
+from .problem import pose_problem
 
 START_DISTANCE, FINAL_DISTANCE = 4.0, 1.0
 """Robust scale of the first and of the last level [voxel]."""
@@ -21,26 +30,29 @@ START_DISTANCE, FINAL_DISTANCE = 4.0, 1.0
 LEVELS_PER_OCTAVE = 2
 """Levels while the robust scale halves."""
 
+COARSE_POINTS = 2048
+"""Voxels of coarsened maps to use."""
+
 
 class Refinement(eqx.Module):
-    """Outcome of `voxjax.refine`.
+    """Outcome of `voxjax.refine`; every array with a leading axis k if there were k starts.
 
     Attributes:
         T_a_b: float32 (4, 4): maps points of b into a. Never worse than the start under the cost.
         covariance: float32 (6, 6) of the tangent (translation [m], rotation [rad]) about the centroid of map
             b expressed in frame a.
         result: `successful`, `not_converged`, `degenerate` or `empty_map`.
-        num_steps: Steps of the solver, all levels together.
+        num_steps: Evaluations of the residuals, all levels together.
         cost_before: Robust cost of the start, in [0, 1] for bounded losses.
         cost_after: The same after refinement.
     """
 
-    T_a_b: Float[Array, "4 4"]
-    covariance: Float[Array, "6 6"]
+    T_a_b: Float[Array, "*starts 4 4"]
+    covariance: Float[Array, "*starts 6 6"]
     result: RESULTS
-    num_steps: Int32[Array, ""]
-    cost_before: Float[Array, ""]
-    cost_after: Float[Array, ""]
+    num_steps: Int32[Array, "*starts"]
+    cost_before: Float[Array, "*starts"]
+    cost_after: Float[Array, "*starts"]
 
 
 def refine(
@@ -53,28 +65,44 @@ def refine(
     num_points: int = 8192,
     loss: Loss = "geman_mcclure",
     both_ways: bool = False,
+    residuals: Mapping[str, float] | None = None,
+    terms: Sequence[Term] = (),
+    soft: bool = False,
 ) -> Refinement:
     """Refine a pose so that the occupied voxels of b lie on the surfaces of a.
 
     Robust point-to-plane Levenberg-Marquardt, coarse to fine: the robust scale shrinks from `max_distance` to
-    `final_distance`, so that a pose several voxels off is pulled in and what only one map saw lets go.
+    `final_distance` (graduated non-convexity), so that a pose several voxels off is pulled in and what only one map saw
+    lets go. Starts farther off than the field of nearest voxels reaches are first refined on coarser maps.
+
+    The result is differentiable (`jax.grad`, `jax.jvp`) by the implicit function theorem: with `soft`, in the log-odds
+    of both maps; in whatever floats in `terms`; and in the start where a term holds it (`refinement.pairs.Prior`),
+    because otherwise the solution does not depend on its start. Which voxels are used, and which is nearest, is decided
+    by the states, and is constant. For more (weights of points, parameters of residuals, pairs under vmap) make a
+    `registration.problem.pose_problem` and give it to `refinement.pose.solve_pose`.
 
     Args:
-        a: The map whose frame the pose maps into; its field of nearest voxels reaches 5 voxels.
+        a: The map whose frame the pose maps into.
         b: The map that is moved.
-        T_a_b: Start, (4, 4).
+        T_a_b: Start, (4, 4); or (k, 4, 4), k starts: those that meet on the way are carried on once.
         max_distance: Robust scale at the start [m]; None takes 4 voxels of a.
         final_distance: Robust scale at the end [m]; None takes 1 voxel of a.
         num_points: Voxels of b to use, chosen by what they rule out.
         loss: "geman_mcclure" (bounded), "cauchy", "huber" or "squared".
         both_ways: Bring also the voxels of a onto the surfaces of b, each way with half of the weight: the errors of
             both maps' planes average out, and the maps the other way round give the inverse pose.
+        residuals: Kinds of residuals and their weights: "planes" (point to plane), "distances" (truncated distance
+            field, signed where free space tells sides apart), "occupancies" (soft agreement, conflicts with free space
+            four times as dear as the unknown). None: planes alone.
+        terms: Further residuals, as `refinement.pairs.CornerPairs`.
+        soft: Weigh voxels by their probabilities. Both maps must be grids with log-odds.
 
     Returns:
         The refined pose with its covariance; the start itself where no better one was found.
 
     Raises:
-        InputError: If the start is no rigid transform or a length is not positive.
+        InputError: If the start is no rigid transform, a length is not positive, a kind is not known, or log-odds are
+            traced without `soft` (the result would not depend on them).
 
     References:
         Section IV.D and V.B: the exact transform comes from the matches and their neighbouring points.
@@ -82,30 +110,77 @@ def refine(
     check_choice("loss", loss, ("geman_mcclure", "cauchy", "huber", "squared"))
     if num_points < 1:
         raise InputError(f"num_points must be 1 or more, got {num_points}.")
-    start = check_pose("T_a_b", T_a_b)
-    target, other = (m if isinstance(m, PreparedMap) else _prepared(m) for m in (a, b))
+    start = _checked_start(T_a_b)
+    views = [_view(name, grid, soft=soft) for name, grid in (("a", a), ("b", b))]
+    target, other = views
     if target is None or other is None:
         return _nothing_to_refine(start)
-    voxel = target.grid.voxel_size
+    voxel = target.prepared.grid.voxel_size
     first = (
         START_DISTANCE * voxel if max_distance is None else check_positive("max_distance", max_distance, "m")
     )
     last = FINAL_DISTANCE * voxel if final_distance is None else final_distance
     last = min(check_positive("final_distance", last, "m"), first)
-    problem = plane_problem(target, other, num_points=num_points, loss=loss, both_ways=both_ways)
-    scales = robust_scales(first, last)
-    found = solve_pose(problem, jnp.asarray(start), scales)
-    num_patches = np.asarray(other.num_points / PATCH_VOXELS, np.float32)
-    covariance, is_degenerate = pose_covariance(problem, found.T_a_b, scales[-1], num_patches)
-    result = RESULTS.where(found.converged, RESULTS.successful, RESULTS.not_converged)
+    led = _lead(start, (target.prepared, other.prepared), first, loss=loss, both_ways=both_ways)
+    problem = pose_problem(
+        target, other, residuals=residuals, num_points=num_points, loss=loss, both_ways=both_ways
+    )
+    planes = problem
+    if residuals is not None and "planes" not in residuals:
+        planes = pose_problem(target, other, num_points=num_points, both_ways=both_ways)
+    problem = PoseProblem((*problem.terms, *terms), problem.centroid, problem.radius)
+    scales = robust_scales(min(first, START_DISTANCE * voxel), last).astype(problem.centroid.dtype)
+    solve = solve_starts if start.ndim == 3 else solve_pose
+    found = _better(problem, start, solve(problem, led, scales), scales)
+    num_patches = np.asarray(other.prepared.num_points / PATCH_VOXELS, scales.dtype)
+    covariance = partial(pose_covariance, planes, scale=scales[-1], num_patches=num_patches)
+    covariances, is_degenerate = _each(covariance, found.T_a_b)
+    outcome = jax.vmap(_outcome) if start.ndim == 3 else _outcome
     return Refinement(
         T_a_b=found.T_a_b,
-        covariance=covariance,
-        result=RESULTS.where(is_degenerate, RESULTS.degenerate, result),
+        covariance=covariances,
+        result=outcome(jnp.asarray(found.converged), jnp.asarray(is_degenerate)),
         num_steps=found.num_steps,
         cost_before=found.cost_before,
         cost_after=found.cost_after,
     )
+
+
+def _lead(
+    start: Array, maps: tuple[PreparedMap, PreparedMap], first: float, *, loss: Loss, both_ways: bool
+) -> Array:
+    """Lead a start or several along maps coarser by powers of two, to within the reach of the maps themselves."""
+    voxel, led = maps[0].grid.voxel_size, jax.lax.stop_gradient(jnp.asarray(start))
+    for factor in coarse_factors(first / voxel):
+        rough = [prepare_map(m.grid.with_voxel_size(factor * m.grid.voxel_size)) for m in maps]
+        width = START_DISTANCE * factor * voxel
+        scales = robust_scales(min(width, first), width / 2).astype(led.dtype)
+        problem = pose_problem(*rough, num_points=COARSE_POINTS, loss=loss, both_ways=both_ways)
+        led = (solve_starts if led.ndim == 3 else solve_pose)(problem, led, scales).T_a_b
+    return led
+
+
+def _better(problem: PoseProblem, start: Array, found: RefinedPose, scales: Array) -> RefinedPose:
+    """What was found, or the start where that was better before it was led along coarser maps."""
+    before = _each(lambda T: (problem_cost(problem, T, scales),), start)[0]
+    is_better = found.cost_after < before
+    return found._replace(
+        T_a_b=jnp.where(is_better[..., None, None], found.T_a_b, start),
+        cost_before=before,
+        cost_after=jnp.where(is_better, found.cost_after, before),
+    )
+
+
+def _outcome(converged: Bool[Array, ""], is_degenerate: Bool[Array, ""]) -> RESULTS:
+    ended = RESULTS.where(converged, RESULTS.successful, RESULTS.not_converged)
+    return RESULTS.where(is_degenerate, RESULTS.degenerate, ended)
+
+
+def _each(function: Callable[[Array], tuple[Array, ...]], poses: Array) -> tuple[Array, ...]:
+    """A function of a pose, of one or of each of several."""
+    if poses.ndim == 2:
+        return function(poses)
+    return tuple(np.stack(column) for column in zip(*spread(function, list(poses)), strict=True))
 
 
 def robust_scales(first: float, last: float) -> Float[np.ndarray, "levels"]:
@@ -114,13 +189,49 @@ def robust_scales(first: float, last: float) -> Float[np.ndarray, "levels"]:
     return np.geomspace(last, first, num_levels)[::-1].astype(np.float32)
 
 
-def _prepared(grid: VoxelGrid) -> PreparedMap | None:
-    """The map prepared, or None if nothing is occupied."""
-    return prepare_map(grid) if grid.num_occupied else None
+def coarse_factors(first: float) -> list[int]:
+    """Factors by which maps are coarsened for a robust scale of `first` voxels, coarsest first; none up to 4 voxels."""
+    doublings = max(int(np.ceil(np.log2(first / START_DISTANCE) - 1e-6)), 0)
+    return [2**k for k in range(doublings, 0, -1)]
 
 
-def _nothing_to_refine(start: np.ndarray) -> Refinement:
+def _checked_start(T_a_b: object) -> Array:
+    """One start or several; a traced one is taken as it is."""
+    if isinstance(T_a_b, jax.Array) and isinstance(T_a_b, Tracer):
+        return T_a_b
+    poses = np.asarray(T_a_b)
+    if poses.ndim != 3:
+        return check_pose("T_a_b", T_a_b)
+    if not len(poses):
+        raise InputError("T_a_b must hold at least one start, got none.")
+    return np.stack([check_pose(f"T_a_b[{number}]", pose) for number, pose in enumerate(poses)])
+
+
+def _view(name: str, grid: VoxelGrid | PreparedMap, *, soft: bool) -> MapView | None:
+    """The map as residuals see it; None if nothing is occupied."""
+    if soft:
+        if not isinstance(grid, VoxelGrid) or grid.log_odds is None:
+            raise InputError(
+                f"{name} must be a VoxelGrid with log_odds if soft is True; give it log-odds or leave soft out."
+            )
+        return soft_map(grid).view(grid.log_odds) if grid.num_occupied else None
+    if isinstance(grid, PreparedMap):
+        return hard_view(grid)
+    if isinstance(grid.log_odds, Tracer):
+        raise InputError(
+            f"{name} has traced log_odds, on which the result depends with soft=True only; set it."
+        )
+    return hard_view(prepare_map(grid)) if grid.num_occupied else None
+
+
+def _nothing_to_refine(start: Array) -> Refinement:
     """The start, with a covariance that says that nothing is known."""
-    one = np.asarray(1.0, np.float32)
-    unknown = np.eye(6, dtype=np.float32) * np.float32(PRIOR**2)
-    return Refinement(start, unknown, RESULTS.empty_map, np.asarray(0, np.int32), one, one)
+    batch = start.shape[:-2]
+    one = np.ones(batch, np.float32)
+    unknown = np.broadcast_to(np.eye(6, dtype=np.float32) * np.float32(PRIOR**2), (*batch, 6, 6))
+    result = RESULTS.empty_map
+    if batch:
+        result = jax.vmap(lambda is_known: RESULTS.where(is_known, RESULTS.successful, RESULTS.empty_map))(
+            jnp.zeros(batch, bool)
+        )
+    return Refinement(start, unknown, result, np.zeros(batch, np.int32), one, one)

@@ -1,0 +1,39 @@
+"""The surfaces of many maps in common tables: what differs from map to map is then a few numbers.
+
+Kernels that work on many pairs of maps at once read the same tables for all of them; stacked, each pair would have a
+copy of its own.
+"""
+
+from .._types import Array
+from ..ops.lookup import Block
+from .planes import Surface
+
+
+class AtlasBlock(Block):
+    """Where the cells of one map lie in the common field.
+
+    Attributes:
+        dims: Size of the map's block [voxel], then the number of its first cell.
+    """
+
+    __slots__ = ()
+
+    def cells_at(self, places: list[Array]) -> tuple[Array, Array]:
+        """See `Block`; cells are numbered over all maps."""
+        cell, is_inside = super().cells_at(places)
+        return cell + self.dims[3], is_inside
+
+
+class AtlasSurface(Surface):
+    """A `Surface` whose keys, points, normals and planarities are those of all maps, one after the other.
+
+    Attributes:
+        dims: Size of the map's block [voxel], then the number of its first cell.
+    """
+
+    __slots__ = ()
+
+    @property
+    def block(self) -> AtlasBlock:
+        """Where the map's keys lie."""
+        return AtlasBlock(self.dims, self.origin, self.voxel_size)

@@ -1,0 +1,83 @@
+"""Fields near the surfaces of a map, for the residuals that read values between voxel centres."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from .._tables import reserve
+from .._types import FREE, OCCUPIED, Array
+from ..ops.nearest import NOTHING_NEAR, split_keys
+from ..refinement.distance import plane_distances
+from ..refinement.fields import Field
+from ..refinement.planes import Surface
+from .prepared import FIELD_RADIUS, PreparedMap
+
+BAND_SQ = 9
+"""Opinions of voxels within three voxels of a surface are told apart; beyond, free is free."""
+
+
+def distance_field_of(prepared: PreparedMap, surface: Surface) -> Field:
+    """Truncated distances from the planes of a map, signed where its normals say which side is free.
+
+    Args:
+        prepared: The map.
+        surface: Its planes, which may be traced: the field is differentiable in them.
+    """
+    keys = _keys(prepared)
+    cells = np.flatnonzero(keys != NOTHING_NEAR)
+    voxel_size = jnp.asarray(surface.voxel_size)
+    reach = jnp.asarray(FIELD_RADIUS, voxel_size.dtype) * voxel_size
+    is_signed = np.asarray(prepared.sides).any(axis=1) & prepared.has_free_space
+    nearest = np.asarray(split_keys(keys[cells])[0])
+    centres = prepared.grid.world_from_index(_unravel(cells, prepared)).astype(voxel_size.dtype)
+    distances = plane_distances(
+        jnp.asarray(centres),
+        jnp.asarray(nearest),
+        jnp.asarray(surface.points),
+        jnp.asarray(surface.normals),
+        jnp.asarray(is_signed),
+        voxel_size=voxel_size,
+        reach=reach,
+    )
+    values = jnp.concatenate([reach[None], distances])
+    return _field(prepared, cells, 1, values)
+
+
+def opinion_field_of(prepared: PreparedMap, said: Float[Array, "x y z"] | None = None) -> Field:
+    """What a map says of each voxel, 1 occupied, -1 free, 0 unknown, which is also what it says of all beyond it.
+
+    Args:
+        prepared: The map.
+        said: Opinions of all voxels of its grid (see `refinement.occupancy.opinion`); they may be traced. None takes
+            the states.
+    """
+    states = np.asarray(prepared.grid.states).reshape(-1)
+    keys = _keys(prepared)
+    is_near = (keys != NOTHING_NEAR) & (np.asarray(split_keys(keys)[1]) <= BAND_SQ)
+    cells = np.flatnonzero(is_near)
+    if said is None:
+        near = np.where(states[cells] == OCCUPIED, 1.0, np.where(states[cells] == FREE, -1.0, 0.0))
+        near = jnp.asarray(near, jnp.float32)
+    else:
+        near = jnp.asarray(said).reshape(-1)[cells]
+    values = jnp.concatenate([jnp.asarray([0.0, -1.0], near.dtype), near])
+    field = _field(prepared, cells, 2, values)
+    rows = np.asarray(field.rows)
+    rows[np.flatnonzero((states == FREE) & ~is_near)] = 1
+    return field._replace(rows=jax.device_put(rows))
+
+
+def _keys(prepared: PreparedMap) -> np.ndarray:
+    return np.asarray(prepared.keys)[: prepared.grid.states.size]
+
+
+def _unravel(cells: np.ndarray, prepared: PreparedMap) -> np.ndarray:
+    return np.stack(np.unravel_index(cells, prepared.grid.shape), axis=-1)
+
+
+def _field(prepared: PreparedMap, cells: np.ndarray, first: int, values: Array) -> Field:
+    rows = reserve(len(prepared.keys), dtype=np.int32)
+    rows[cells] = np.arange(first, first + len(cells), dtype=np.int32)
+    dims, origin, voxel_size = prepared.block
+    return Field(rows, dims, origin, voxel_size, values)
