@@ -173,7 +173,11 @@ def solve_joint(
     found, steps = start, jnp.zeros((), jnp.int32)
     if scales.shape[0] > 1:
         found, more, _ = _solve(
-            fixed.thinned(COARSE_STRIDE), found, levels, atol=COARSE_STEP, max_level_steps=max_level_steps
+            fixed.thinned(COARSE_STRIDE),
+            found,
+            levels[:-1],
+            atol=COARSE_STEP,
+            max_level_steps=max_level_steps,
         )
         steps = steps + more
     found, more, _ = _solve(

@@ -106,9 +106,7 @@ class JointProblem(eqx.Module):
 
     def rows(self, poses: Float[Array, "maps 4 4"], level: Level) -> tuple[PyTree, ...]:
         """Rows of all pairs."""
-        return tuple(
-            group.each(lambda problem, T, *_: problem.rows(T, level), poses) for group in self.edges
-        )
+        return tuple(group.each(lambda problem, T, *_: problem.rows(T, level), poses) for group in self.edges)
 
     def cost(self, poses: Float[Array, "maps 4 4"], level: Level) -> Float[Array, ""]:
         """Sum of the squares of all rows."""
