@@ -7,7 +7,7 @@ from jaxtyping import Float
 from .._types import Array
 from .covariance import MAP_ACCURACY, PATCH_VOXELS, PRIOR, plane_information
 from .equations import NormalEquations
-from .joint_equations import relative_slopes, spread_pairs
+from .joint_equations import PairEquations, relative_slopes, spread_pairs
 from .joint_problem import JointProblem
 from .pose import PoseProblem
 
@@ -34,17 +34,17 @@ def joint_covariance(
     """
     dtype, num_maps = poses.dtype, poses.shape[0]
 
-    def of_pair(pair: PoseProblem, T_a_b: Array, a: Array, b: Array) -> tuple[NormalEquations, Array, Array]:
+    def of_pair(pair: PoseProblem, T_a_b: Array, a: Array, b: Array) -> PairEquations:
         information, variance = plane_information(pair, T_a_b, scale)
         num_patches = 0.5 * (num_points[a] + num_points[b]) / PATCH_VOXELS
         # Voxels round positions, as in `pose_covariance`.
         known = information * (num_patches / (variance + voxel_size**2 / 12.0))
         nothing = jnp.zeros(6, dtype)
         slopes = relative_slopes(poses[a], poses[b], problem.centroids[a], pair.centroid)
-        return NormalEquations(nothing[0], nothing, known), *slopes
+        return PairEquations(NormalEquations(nothing[0], nothing, known), *slopes)
 
     parts = [
-        spread_pairs(*group.each(of_pair, poses), group.first, group.second, num_maps).dense()
+        spread_pairs(group.each(of_pair, poses), group.first, group.second, num_maps).dense()
         for group in problem.edges
     ]
     one = jnp.ones((num_maps, 3), dtype)

@@ -86,7 +86,7 @@ class JointEquations(NamedTuple):
 
 def dense_step(equations: JointEquations) -> Float[Array, "maps 6"]:
     """Step to the minimum of equations that are positive definite, by Cholesky's factors of the whole matrix."""
-    operator = lx.MatrixLinearOperator(equations.dense(), lx.positive_semidefinite_tag)
+    operator = lx.MatrixLinearOperator(jnp.asarray(equations.dense()), lx.positive_semidefinite_tag)
     solution = lx.linear_solve(operator, -equations.slope.reshape(-1), lx.Cholesky(), throw=False)
     return solution.value.reshape(equations.slope.shape)
 
@@ -102,7 +102,7 @@ def sparse_step(equations: JointEquations) -> Float[Array, "maps 6"]:
 
     solver = lx.CG(rtol=CG_TOLERANCE, atol=float(jnp.finfo(slope.dtype).tiny), max_steps=CG_STEPS)
     operator, inverse = (
-        lx.FunctionLinearOperator(function, struct, lx.positive_semidefinite_tag)
+        lx.FunctionLinearOperator(function, struct, tags=lx.positive_semidefinite_tag)
         for function in (equations.times, precondition)
     )
     return lx.linear_solve(operator, -slope, solver, {"preconditioner": inverse}, throw=False).value
@@ -130,35 +130,42 @@ def relative_slopes(
     image_a, image_b = (
         rigid.apply(T, point) for T, point in ((T_world_a, centroid_a), (T_world_b, centroid_b))
     )
-    # b moves in frame a as it does in the world; a motion of a moves b the other way, on an arm from centroid to centroid.
+    # b moves in frame a as in the world; a motion of a moves b the other way, on an arm from centroid to centroid.
     arm = jnp.matmul(turn, image_a - image_b, precision=jax.lax.Precision.HIGHEST)
     of_b = rigid.adjoint(rigid.from_rotation_translation(turn, jnp.zeros_like(arm)))
     return -rigid.adjoint(rigid.from_rotation_translation(turn, arm)), of_b
 
 
+class PairEquations(NamedTuple):
+    """A pair's problem to second order, and what it has to do with the poses of its maps.
+
+    Attributes:
+        equations: In the tangent of `T_a_b`.
+        slopes_a: How that changes with the tangent of `T_world_a`, see `relative_slopes`.
+        slopes_b: The same of `T_world_b`.
+    """
+
+    equations: NormalEquations
+    slopes_a: Float[Array, "*pairs 6 6"]
+    slopes_b: Float[Array, "*pairs 6 6"]
+
+
 def spread_pairs(
-    pairs: NormalEquations,
-    slopes_a: Float[Array, "pairs 6 6"],
-    slopes_b: Float[Array, "pairs 6 6"],
-    first: Int32[Array, "pairs"],
-    second: Int32[Array, "pairs"],
-    num_maps: int,
+    pairs: PairEquations, first: Int32[Array, "pairs"], second: Int32[Array, "pairs"], num_maps: int
 ) -> JointEquations:
     """Equations of all maps from those of the pairs, which are stacked.
 
     Args:
-        pairs: In the tangents of the relative poses.
-        slopes_a: See `relative_slopes`.
-        slopes_b: See `relative_slopes`.
+        pairs: Stacked on a leading axis.
         first: Map a of each pair.
         second: Map b of each pair.
         num_maps: Number of maps.
     """
-    left_a, left_b = (jnp.swapaxes(slopes, -1, -2) for slopes in (slopes_a, slopes_b))
-    on_a, on_b = (_multiply(pairs.matrix, slopes) for slopes in (slopes_a, slopes_b))
-    slope = jnp.zeros((num_maps, 6), pairs.slope.dtype)
-    slope = slope.at[first].add(_multiply(left_a, pairs.slope)).at[second].add(_multiply(left_b, pairs.slope))
-    own = jnp.zeros((num_maps, 6, 6), pairs.slope.dtype)
+    (cost, slope, matrix), *slopes = pairs
+    left_a, left_b = (jnp.swapaxes(each, -1, -2) for each in slopes)
+    on_a, on_b = (_multiply(matrix, each) for each in slopes)
+    total = jnp.zeros((num_maps, 6), slope.dtype)
+    total = total.at[first].add(_multiply(left_a, slope)).at[second].add(_multiply(left_b, slope))
+    own = jnp.zeros((num_maps, 6, 6), slope.dtype)
     own = own.at[first].add(_multiply(left_a, on_a)).at[second].add(_multiply(left_b, on_b))
-    cost = jnp.sum(pairs.cost, dtype=pairs.cost.dtype)
-    return JointEquations(cost, slope, own, _multiply(left_a, on_b), first, second)
+    return JointEquations(jnp.sum(cost, dtype=cost.dtype), total, own, _multiply(left_a, on_b), first, second)

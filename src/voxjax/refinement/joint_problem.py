@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int32, PyTree
 
 from .._types import Array
 from .equations import pose_equations
-from .joint_equations import JointEquations, relative_pose, relative_slopes, spread_pairs
+from .joint_equations import JointEquations, PairEquations, relative_pose, relative_slopes, spread_pairs
 from .pose import PoseProblem, sum_of_squares
 from .terms import Level
 
@@ -138,14 +138,15 @@ class JointProblem(eqx.Module):
         return JointProblem(tuple(edges), self.centroids, self.radii, self.is_fixed)
 
     def equations(self, poses: Float[Array, "maps 4 4"], level: Level) -> JointEquations:
-        """Normal equations of the maps' tangents (translation [m], rotation [rad]) about their centroids in the world."""
+        """Normal equations of the tangents (translation [m], rotation [rad]) about the maps' centroids in the world."""
 
-        def of_pair(problem: PoseProblem, T_a_b: Array, a: Array, b: Array) -> tuple[Any, Array, Array]:
+        def of_pair(problem: PoseProblem, T_a_b: Array, a: Array, b: Array) -> PairEquations:
             found = pose_equations(problem.terms, T_a_b, problem.centroid, level)
-            return found, *relative_slopes(poses[a], poses[b], self.centroids[a], problem.centroid)
+            slopes = relative_slopes(poses[a], poses[b], self.centroids[a], problem.centroid)
+            return PairEquations(found, *slopes)
 
         parts = [
-            spread_pairs(*group.each(of_pair, poses), group.first, group.second, poses.shape[0])
+            spread_pairs(group.each(of_pair, poses), group.first, group.second, poses.shape[0])
             for group in self.edges
         ]
         total = jax.tree.map(lambda *each: sum(each[1:], start=each[0]), *(part[:3] for part in parts))

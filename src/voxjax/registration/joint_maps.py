@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from .. import rigid
 from .._checks import InputError
 from .._tables import as_table, table_lengths
-from .. import rigid
 from .._types import Array
 from ..ops.lookup import Block, lookup
 from ..ops.nearest import INDEX_BITS, NOTHING_NEAR
