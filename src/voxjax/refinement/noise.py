@@ -39,8 +39,9 @@ def implicit_covariance(
 
     The surfaces of both maps err by patches: all voxels in a cube of space are off by one vector, independent of the
     other cubes' and of the other map's. The solution moves by `-H^-1 (dg/de) e` with the vectors e, where g is the
-    slope of the cost and H its full Hessian, curvature of the loss and of the rotation included. Where Gauss-Newton takes the
-    offsets of points for independent and the loss for quadratic, this takes neither.
+    slope of the cost and H its full Hessian, curvature of the loss and of the rotation included. Where Gauss-Newton
+    takes the offsets of points for independent and the loss for quadratic, this takes neither. What resists
+    motion along planes is left out: it is the grid, not the place.
 
     Args:
         problem: Of which the pose is the solution; what its points meet is held.

@@ -74,7 +74,8 @@ class SoftMap(NamedTuple):
         points = jnp.asarray(np.asarray(prepared.points)[:length], dtype)
         planes = soft_planes(occupancy, normals, self.neighbours)
         # Which voxels have a plane is decided by the states: the step would have no derivative.
-        offset = planes.offset * (planarity > MIN_PLANARITY) * jnp.asarray(prepared.grid.voxel_size, dtype)
+        is_planar = (planarity > MIN_PLANARITY).astype(dtype)
+        offset = planes.offset * is_planar * jnp.asarray(prepared.grid.voxel_size, dtype)
         anchors = points + planes.normal * offset[:, None]
         return MapView(prepared, anchors, planes.normal, planes.planarity, occupancy, opinion(odds))
 
