@@ -28,7 +28,8 @@ def distance_field_of(prepared: PreparedMap, surface: Surface) -> Field:
     cells = np.flatnonzero(keys != NOTHING_NEAR)
     voxel_size = jnp.asarray(surface.voxel_size)
     reach = jnp.asarray(FIELD_RADIUS, voxel_size.dtype) * voxel_size
-    is_signed = np.asarray(prepared.sides).any(axis=1) & prepared.has_free_space
+    sides = np.asarray(prepared.sides)[: len(surface.points)]
+    is_signed = sides.any(axis=1) & prepared.has_free_space
     nearest = np.asarray(split_keys(keys[cells])[0])
     centres = prepared.grid.world_from_index(_unravel(cells, prepared)).astype(voxel_size.dtype)
     distances = plane_distances(
@@ -80,4 +81,5 @@ def _field(prepared: PreparedMap, cells: np.ndarray, first: int, values: Array) 
     rows = reserve(len(prepared.keys), dtype=np.int32)
     rows[cells] = np.arange(first, first + len(cells), dtype=np.int32)
     dims, origin, voxel_size = prepared.block
+    origin, voxel_size = (np.asarray(value, values.dtype) for value in (origin, voxel_size))
     return Field(rows, dims, origin, voxel_size, values)
