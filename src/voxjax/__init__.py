@@ -23,6 +23,7 @@ _HOME = {
     "ConsistencyGraph": "matching.consistency",
     "maximum_common_subgraph": "matching.common_subgraph",
     "refine": "registration.refine",
+    "refine_joint": "registration.refine_joint",
     "Registration": "registration.types",
     "register": "pipeline.pair",
     "register_batch": "pipeline.batch",
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
     from .pipeline.pair import register as register
     from .planes.fit import Planes as Planes
     from .registration.refine import refine as refine
+    from .registration.refine_joint import refine_joint as refine_joint
     from .registration.types import Registration as Registration
 
 

@@ -40,7 +40,9 @@ def joint_covariance(
         # Voxels round positions, as in `pose_covariance`.
         known = information * (num_patches / (variance + voxel_size**2 / 12.0))
         nothing = jnp.zeros(6, dtype)
-        slopes = relative_slopes(poses[a], poses[b], problem.centroids[a], pair.centroid)
+        slopes = relative_slopes(
+            poses[a], poses[b], problem.centroids[a], problem.centroids[b], pair.centroid
+        )
         return PairEquations(NormalEquations(nothing[0], nothing, known), *slopes)
 
     parts = [

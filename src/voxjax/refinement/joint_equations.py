@@ -105,7 +105,7 @@ def sparse_step(equations: JointEquations) -> Float[Array, "maps 6"]:
         lx.FunctionLinearOperator(function, struct, tags=lx.positive_semidefinite_tag)
         for function in (equations.times, precondition)
     )
-    return lx.linear_solve(operator, -slope, solver, {"preconditioner": inverse}, throw=False).value
+    return lx.linear_solve(operator, -slope, solver, options={"preconditioner": inverse}, throw=False).value
 
 
 def relative_pose(T_world_a: Float[Array, "4 4"], T_world_b: Float[Array, "4 4"]) -> Float[Array, "4 4"]:
@@ -121,19 +121,21 @@ def relative_slopes(
     T_world_b: Float[Array, "4 4"],
     centroid_a: Float[Array, "3"],
     centroid_b: Float[Array, "3"],
+    pivot: Float[Array, "3"],
 ) -> tuple[Float[Array, "6 6"], Float[Array, "6 6"]]:
     """How the tangent of `T_a_b` changes with those of `T_world_a` and of `T_world_b`.
 
-    That of a pair is about the centroid of b in frame a, those of the maps are about their own centroids in the world.
+    Those of the maps are about their centroids in the world, that of the pair about `pivot`, in frame b, seen from a.
     """
     turn = T_world_a[:3, :3].T
-    image_a, image_b = (
-        rigid.apply(T, point) for T, point in ((T_world_a, centroid_a), (T_world_b, centroid_b))
-    )
-    # b moves in frame a as in the world; a motion of a moves b the other way, on an arm from centroid to centroid.
-    arm = jnp.matmul(turn, image_a - image_b, precision=jax.lax.Precision.HIGHEST)
-    of_b = rigid.adjoint(rigid.from_rotation_translation(turn, jnp.zeros_like(arm)))
-    return -rigid.adjoint(rigid.from_rotation_translation(turn, arm)), of_b
+    centre = rigid.apply(T_world_b, pivot)
+
+    def slopes(image: Array) -> Array:
+        arm = jnp.matmul(turn, image - centre, precision=jax.lax.Precision.HIGHEST)
+        return rigid.adjoint(rigid.from_rotation_translation(turn, arm))
+
+    # b moves in frame a as in the world; a motion of a moves b the other way.
+    return -slopes(rigid.apply(T_world_a, centroid_a)), slopes(rigid.apply(T_world_b, centroid_b))
 
 
 class PairEquations(NamedTuple):

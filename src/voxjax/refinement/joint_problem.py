@@ -142,7 +142,9 @@ class JointProblem(eqx.Module):
 
         def of_pair(problem: PoseProblem, T_a_b: Array, a: Array, b: Array) -> PairEquations:
             found = pose_equations(problem.terms, T_a_b, problem.centroid, level)
-            slopes = relative_slopes(poses[a], poses[b], self.centroids[a], problem.centroid)
+            slopes = relative_slopes(
+                poses[a], poses[b], self.centroids[a], self.centroids[b], problem.centroid
+            )
             return PairEquations(found, *slopes)
 
         parts = [

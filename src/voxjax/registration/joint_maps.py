@@ -123,7 +123,7 @@ def _surfaces(maps: Sequence[PreparedMap]) -> list[AtlasSurface]:
             f"grids must have fewer than {np.iinfo(np.int32).max} voxels and {1 << INDEX_BITS} occupied ones "
             f"together, got {sum(sizes)} and {sum(counts)}; refine them at a larger voxel size."
         )
-    first_cells, first_rows = (np.cumsum([0, *numbers])[:-1] for numbers in (sizes, counts))
+    first_cells, first_rows = (np.cumsum([0, *numbers])[:-1].tolist() for numbers in (sizes, counts))
     num_cells, num_rows = table_lengths(sum(sizes), sum(counts))
 
     def keys(prepared: PreparedMap, size: int, row: int) -> np.ndarray:

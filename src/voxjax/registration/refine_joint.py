@@ -58,7 +58,7 @@ def refine_joint(
     anchor: int = 0,
     max_distance: float | None = None,
     final_distance: float | None = None,
-    num_points: int = 8192,
+    num_points: int = 2048,
     loss: Loss = "geman_mcclure",
 ) -> JointRefinement:
     """Refine the poses of maps so that they agree with each other wherever they overlap.
@@ -75,7 +75,8 @@ def refine_joint(
         anchor: Number of the map whose pose stays.
         max_distance: Robust scale at the start [m]; None takes 4 voxels of the coarsest map.
         final_distance: Robust scale at the end [m]; None takes 1 voxel of the coarsest map.
-        num_points: Voxels of each map to use in each of its pairs, chosen by what they rule out.
+        num_points: Voxels of each map to use in each of its pairs, chosen by what they rule out; of 16 maps of which
+            all overlap, four times as many gave the same poses to a millimetre.
         loss: "geman_mcclure" (bounded), "cauchy", "huber" or "squared".
 
     Returns:
