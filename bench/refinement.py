@@ -1,9 +1,11 @@
 """Accuracy, basin of convergence and time of `voxjax.refine`, beside ICP of small_gicp and Open3D in the same run.
 
-    python -m bench refinement [--maps FOLDER] [--only accuracy,basin] [--plot docs/img] [--quick] [--table]
+    python -m bench refinement [--maps FOLDER] [--only accuracy,basin,...] [--plot docs/img] [--quick] [--table]
 
 accuracy  Starts 0.3 m and 3 degrees off, on the pairs of maps/sim, on generated pairs without drift and with it.
 basin     Share converged against the error of the start, to 2 m and 30 degrees, on generated pairs without drift.
+solver    10,240 points: warm times, gradients, 64 starts, the first solve of a process; needs an idle machine.
+covariance  Errors against two covariances of the same poses.
 
 All methods start from the same poses; their order turns from pair to pair, so that slow spells of the machine hit all
 alike. Settings of the peers: see bench/refinement_peers.py. A pose counts as converged within 1 degree and the larger
@@ -17,9 +19,19 @@ from pathlib import Path
 
 import voxjax as vx
 from bench import kernel_setting
-from bench.refinement_parts import PARTS, Plan, full_plan, quick_plan
+from bench.refinement_covariance import covariance_rows
+from bench.refinement_parts import Plan, accuracy_rows, basin_rows, full_plan, quick_plan
 from bench.refinement_peers import load_refiners
+from bench.refinement_solver import solver_rows
 from bench.refinement_table import FILE, FOLDER, lines_of, markdown, read, write
+
+PARTS = {
+    "accuracy": accuracy_rows,
+    "basin": basin_rows,
+    "solver": solver_rows,
+    "covariance": covariance_rows,
+}
+"""What can be measured, by name; a new part needs an entry here and, to be printed, one in refinement_table.py."""
 
 DEFAULT_MAPS = Path(os.environ.get("VOXJAX_MAPS", "../shared/maps"))
 

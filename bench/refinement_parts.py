@@ -1,7 +1,7 @@
 """Parts of the benchmark of refinement: each takes the plan and the methods, and gives rows of plain data."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -128,13 +128,6 @@ def basin_rows(plan: Plan, refiners: Sequence[Refiner]) -> Iterator[Row]:
                 "degrees": (share * by_degrees * LARGEST_DEGREES).tolist(),
                 "converged": (hits[line, refiner.name] / trials).tolist(),
             }  # fmt: skip
-
-
-PARTS: dict[str, Callable[[Plan, Sequence[Refiner]], Iterator[Row]]] = {
-    "accuracy": accuracy_rows,
-    "basin": basin_rows,
-}
-"""What can be measured, by name; a new part needs an entry here and, to be printed, one in refinement_table.py."""
 
 
 def has_converged(error: PoseError, voxel_size: float) -> bool:

@@ -49,7 +49,7 @@ def write(path: Path, part: str, result: dict[str, Any]) -> None:
 
 def lines_of(row: Row) -> list[str]:
     """A row of any part for people: its names, then its numbers."""
-    if "suite" in row:
+    if "covariance" not in row and "suite" in row:
         metres, degrees, seconds = row["metres"], row["degrees"], row["seconds"]
         return [
             f"{row['suite']:<11} {row['method']:<26} {row['num_poses']:>3} poses  {metres[0]:.4f} / {metres[1]:.4f} m"
@@ -60,6 +60,15 @@ def lines_of(row: Row) -> list[str]:
     if "line" in row:
         shares = " ".join(f"{100 * share:3.0f}" for share in row["converged"])
         return [f"{row['line']:<11} {row['method']:<26} {shares} %  wide {_width_text(row)}"]
+    if "solver" in row:
+        return [
+            f"{row['solver']:<28} {_solver_text(row):>10} {'' if row['most'] is None else _met_text(row)}"
+        ]
+    if "covariance" in row:
+        return [
+            f"{row['suite']:<11} {row['covariance']:<13} {row['num_poses']:>3} poses  normalised error squared "
+            f"{row['mean']:.2f} (median {row['median']:.2f}), below the 95 % quantile {100 * row['below_95']:.0f} %"
+        ]
     return [", ".join(f"{name} {value}" for name, value in row.items())]
 
 
@@ -98,11 +107,15 @@ def targets(results: Results) -> list[tuple[str, str, bool]]:
             best = max(peers, key=width)
             text = f"{_width_text(ours)}, {best['method']} {_width_text(best)}"
             found.append((f"basin, {line}: as wide as any peer's", text, width(ours) >= width(best)))
+    for row in results.get("solver", {}).get("rows", []):
+        if row["most"] is not None:
+            most = f"{row['most']:g} s" if row["unit"] == "seconds" else f"{row['most']:g} {row['unit']}"
+            found.append((f"{row['solver']}: at most {most}", _solver_text(row), row["value"] <= row["most"]))
     return found
 
 
 def markdown(results: Results) -> str:
-    """Tables of accuracy, basin and targets, of the parts that are there."""
+    """Tables of accuracy, basin, covariances and targets, of the parts that are there."""
     parts = []
     if "accuracy" in results:
         rows = results["accuracy"]["rows"]
@@ -117,6 +130,20 @@ def markdown(results: Results) -> str:
             by_method.setdefault(row["method"], {})[row["line"]] = row
         cells = [[name, *(_width_text(mine[line]) for line in lines)] for name, mine in by_method.items()]
         parts.append(_table((f"{100 * CONVERGED_SHARE:g} % converge up to", *lines), cells))
+    if "covariance" in results:
+        head = (
+            "pairs",
+            "covariance",
+            "poses",
+            "normalised error squared, mean / median",
+            "below the 95 % quantile",
+        )
+        cells = [
+            [row["suite"], row["covariance"], str(row["num_poses"]), f"{row['mean']:.2f} / {row['median']:.2f}",
+             f"{100 * row['below_95']:.0f} %"]
+            for row in results["covariance"]["rows"]
+        ]  # fmt: skip
+        parts.append(_table(head, cells))
     judged = [[what, value, "met" if is_met else "missed"] for what, value, is_met in targets(results)]
     if judged:
         parts.append(_table(("target", "measured", ""), judged))
@@ -124,6 +151,14 @@ def markdown(results: Results) -> str:
     if quick:
         parts.append(f"In the quick form, on few pairs: {', '.join(quick)}.")
     return "\n\n".join(parts)
+
+
+def _solver_text(row: Row) -> str:
+    return format_seconds(row["value"]) if row["unit"] == "seconds" else f"{row['value']:.2g} x"
+
+
+def _met_text(row: Row) -> str:
+    return "met" if row["value"] <= row["most"] else "missed"
 
 
 def _accuracy_cells(row: Row) -> list[str]:
