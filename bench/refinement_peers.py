@@ -101,11 +101,12 @@ def load_refiners(peers: Sequence[str]) -> list[Refiner]:
     return [r for r in REFINERS if r.module is None or r.module in peers]
 
 
-def _voxjax(name: str, *, both_ways: bool) -> Refiner:
+def _voxjax(name: str, *, both_ways: bool, residuals: dict[str, float] | None = None) -> Refiner:
     def prepare(pair: MapPair, max_distance: float | None) -> Refine:
         a, b = prepare_map(pair.a), prepare_map(pair.b)
         return lambda T: np.asarray(
-            vx.refine(a, b, T, both_ways=both_ways, max_distance=max_distance).T_a_b, np.float64
+            vx.refine(a, b, T, both_ways=both_ways, max_distance=max_distance, residuals=residuals).T_a_b,
+            np.float64,
         )
 
     return Refiner(name, None, lambda pair: prepare(pair, None), lambda pair: prepare(pair, WIDE_DISTANCE))
@@ -196,6 +197,7 @@ _INSTALL = {
 REFINERS = (
     _voxjax("voxjax, both ways", both_ways=True),
     _voxjax("voxjax, one way", both_ways=False),
+    _voxjax("voxjax, and occupancies", both_ways=True, residuals={"planes": 1.0, "occupancies": 0.3}),
     _small_gicp("small_gicp point-to-plane", "PLANE_ICP"),
     _small_gicp("small_gicp GICP", "GICP"),
     _open3d("Open3D point-to-plane", near="tukey", wide="l2"),

@@ -37,6 +37,10 @@ FLOOR = 10.0
 """A step that failed though it promised less than so many times the relative tolerance failed by rounding."""
 
 
+Fn = Callable[[Array, Any], tuple[Any, None]]
+"""Residuals of unknowns and arguments, as optimistix hands them over."""
+
+
 class _State(eqx.Module):
     """Where the solver is.
 
@@ -90,7 +94,16 @@ class AnnealedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     max_level_steps: int = eqx.field(static=True)
     norm: Callable = eqx.field(static=True, default=optx.max_norm)
 
-    def init(self, fn, y, args, options, f_struct, aux_struct, tags):
+    def init(
+        self,
+        fn: Fn,
+        y: Array,
+        args: Any,
+        options: dict[str, Any],
+        f_struct: Any,
+        aux_struct: Any,
+        tags: frozenset[object],
+    ) -> _State:
         """Nothing is known: the first candidate is the start itself."""
         del fn, options, f_struct, aux_struct, tags
         level, zero = jnp.zeros((), jnp.int32), jnp.zeros((), y.dtype)
@@ -110,7 +123,15 @@ class AnnealedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             jnp.asarray(False),
         )
 
-    def step(self, fn, y, args, options, state, tags):
+    def step(
+        self,
+        fn: Fn,
+        y: Array,
+        args: Any,
+        options: dict[str, Any],
+        state: _State,
+        tags: frozenset[object],
+    ) -> tuple[Array, _State, None]:
         """Evaluate the candidate, keep it if it is better, and find the next one."""
         del fn, options, tags
         before = state.equations.cost
@@ -153,12 +174,30 @@ class AnnealedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             None,
         )
 
-    def terminate(self, fn, y, args, options, state, tags):
+    def terminate(
+        self,
+        fn: Fn,
+        y: Array,
+        args: Any,
+        options: dict[str, Any],
+        state: _State,
+        tags: frozenset[object],
+    ) -> tuple[Bool[Array, ""], optx.RESULTS]:
         """Whether the last level is over."""
         del fn, y, args, options, tags
         return state.is_done, optx.RESULTS.successful
 
-    def postprocess(self, fn, y, aux, args, options, state, tags, result):
+    def postprocess(
+        self,
+        fn: Fn,
+        y: Array,
+        aux: None,
+        args: Any,
+        options: dict[str, Any],
+        state: _State,
+        tags: frozenset[object],
+        result: optx.RESULTS,
+    ) -> tuple[Array, None, dict[str, Any]]:
         """Say whether the last level converged."""
         del fn, args, options, tags, result
         return y, aux, {"is_converged": state.is_converged}
