@@ -1,6 +1,7 @@
 """Derivatives of refined poses against finite differences, in float64 and float32, forward and reverse."""
 
 import itertools
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -41,6 +42,11 @@ def tangent_of(problem, start, scales):
     return tangent_between(jax.lax.stop_gradient(start), T, problem.centroid)
 
 
+def planes_of(problem) -> Any:
+    """The first term, whose fields depend on its kind."""
+    return problem.terms[0]
+
+
 def assert_derivative(function, value, direction, *, step, rtol, jit=eqx.filter_jit):
     """Forward mode, reverse mode and central differences along a direction agree."""
     function = jit(function)
@@ -60,7 +66,7 @@ def test_weights_in_float64(prepared, start, kind):
     with jax.enable_x64(True):
         problem = as_dtype(pose_problem(*prepared, residuals=KINDS[kind], num_points=POINTS), np.float64)
         T, scales = jnp.asarray(start, jnp.float64), jnp.asarray(SCALES, jnp.float64)
-        weights = problem.terms[0].sample.weights
+        weights = planes_of(problem).sample.weights
         direction = weights * jnp.asarray(np.random.default_rng(0).normal(size=POINTS))
 
         def refined(weights):
@@ -133,7 +139,7 @@ def test_float32_agrees_with_float64(prepared, start):
             changed = eqx.tree_at(lambda p: p.terms[0].sample.weights, problem, weights)
             return tangent_of(changed, jnp.asarray(start, dtype), jnp.asarray(SCALES, dtype))
 
-        return np.asarray(eqx.filter_jit(jax.jacrev(probe))(jnp.asarray(problem.terms[0].sample.weights)))
+        return np.asarray(eqx.filter_jit(jax.jacrev(probe))(jnp.asarray(planes_of(problem).sample.weights)))
 
     single = by_weights(np.float32)
     with jax.enable_x64(True):
@@ -148,7 +154,7 @@ def test_derivatives_are_finite_where_nothing_is_known(prepared):
     problem = pose_problem(*prepared, residuals=KINDS["both"], num_points=POINTS)
 
     def refined(start, weights, slide):
-        places = lambda p: [p.terms[0].sample.weights, p.terms[0].slide]
+        places = lambda p: [planes_of(p).sample.weights, planes_of(p).slide]
         changed = eqx.tree_at(places, problem, [weights, slide])
         prior = Prior(start, jnp.asarray(problem.centroid), jnp.zeros((6, 6), jnp.float32))
         changed = PoseProblem((*changed.terms, prior), changed.centroid, changed.radius)
@@ -172,7 +178,7 @@ def test_a_gradient_reaches_the_log_odds_through_the_public_verb(room, start):
             vx.VoxelGrid(grid.states, grid.origin, grid.voxel_size, odds)
             for grid, odds in zip(room[:2], (odds_a, odds_b), strict=True)
         ]
-        return vx.refine(*grids, start, soft=True, num_points=POINTS).T_a_b[0, 3]
+        return vx.refine(grids[0], grids[1], start, soft=True, num_points=POINTS).T_a_b[0, 3]
 
     odds = [jnp.asarray(log_odds_of_states(jnp.asarray(grid.states))) for grid in room[:2]]
     for grid, slope in zip(room[:2], jax.grad(probe, argnums=(0, 1))(*odds), strict=True):
@@ -205,7 +211,9 @@ def test_corners_alone_give_the_closed_form(room):
     rotation = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt
     shift = of_a.mean(axis=0) - rotation @ of_b.mean(axis=0)
     share = np.full(12, 1 / 12, np.float32)
-    pairs = CornerPairs(of_a.astype(np.float32), of_b.astype(np.float32), share, "squared")
+    pairs = CornerPairs(
+        of_a=of_a.astype(np.float32), of_b=of_b.astype(np.float32), share=share, loss="squared"
+    )
     problem = PoseProblem((pairs,), of_b.mean(axis=0).astype(np.float32), np.asarray(1.0, np.float32))
     start = nudged(T, of_b.mean(axis=0), rng, metres=0.5, degrees=40).astype(np.float32)
     found = solve_pose(problem, jnp.asarray(start), np.asarray([1.0], np.float32))

@@ -1,5 +1,7 @@
 """Every kind of residual against its definition, and the normal equations against dense Jacobians."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -28,7 +30,7 @@ def start(room, prepared):
     )
 
 
-def one_term(prepared, kind, **options):
+def one_term(prepared, kind, **options) -> Any:
     return pose_problem(*prepared, residuals={kind: 1.0}, num_points=256, **options).terms[0]
 
 
@@ -38,7 +40,7 @@ def test_distances_are_those_of_the_pieces_of_plane_read_between_centres(prepare
     states = np.asarray(a.grid.states)
     rows, _ = (np.asarray(part) for part in split_keys(np.asarray(a.keys)[: states.size]))
     is_near = np.asarray(a.keys)[: states.size] != NOTHING_NEAR
-    is_signed = np.asarray(a.sides).any(axis=1)
+    is_signed = np.any(np.asarray(a.sides), axis=1)
     dense = np.full(states.size, 5 * VOXEL)
     cells = np.stack(np.unravel_index(np.arange(states.size), states.shape), axis=-1)
     centres = np.asarray(a.grid.origin, np.float64) + (cells + 0.5) * VOXEL
@@ -83,7 +85,7 @@ def test_corner_pairs_and_the_prior_follow_their_definition(prepared, start):
     rng = np.random.default_rng(1)
     of_b, of_a = rng.normal(size=(2, 7, 3)).astype(np.float32)
     share = rng.uniform(0, 1, 7).astype(np.float32)
-    rows = np.asarray(CornerPairs(of_a, of_b, share, "huber").rows(start, LEVEL))
+    rows = np.asarray(CornerPairs(of_a=of_a, of_b=of_b, share=share, loss="huber").rows(start, LEVEL))
     gap = moved(np.asarray(start, np.float64), of_b) - of_a
     expected = [
         w * loss_of(g @ g / 0.15**2, "huber") for w, g in zip(share, gap.astype(np.float64), strict=True)

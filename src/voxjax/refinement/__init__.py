@@ -3,3 +3,43 @@
 Everything here is pure functions of arrays, safe under jit, vmap and grad; what is decided on the host (which voxels,
 which fields) is in `voxjax.registration.problem`.
 """
+
+from .covariance import pose_covariance
+from .distance import Distances
+from .joint import solve_joint
+from .joint_problem import JointProblem
+from .losses import Loss
+from .noise import implicit_covariance
+from .occupancy import Occupancies
+from .pairs import CornerPairs
+from .pairs import Prior
+from .planes import Planes
+from .planes import Sample
+from .planes import Surface
+from .pose import PoseProblem
+from .pose import RefinedPose
+from .pose import solve_pose
+from .terms import Level
+from .terms import PointTerm
+from .terms import Term
+
+__all__ = [
+    "CornerPairs",
+    "Distances",
+    "JointProblem",
+    "Level",
+    "Loss",
+    "Occupancies",
+    "Planes",
+    "PointTerm",
+    "PoseProblem",
+    "Prior",
+    "RefinedPose",
+    "Sample",
+    "Surface",
+    "Term",
+    "implicit_covariance",
+    "pose_covariance",
+    "solve_joint",
+    "solve_pose",
+]

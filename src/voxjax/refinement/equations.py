@@ -100,6 +100,14 @@ def move_about(
     return rigid.from_rotation_translation(rotation, image - rotation @ centroid)
 
 
+def tangent_slopes(tangent: Float[Array, "6"]) -> Float[Array, "6 6"]:
+    """The small motion after `tangent` that a change of `tangent` makes, both about the image of the centroid."""
+    shifts = jnp.eye(3, dtype=tangent.dtype)
+    # The translation that `exp` gives is the left Jacobian of the rotation times what it is given.
+    left = jax.vmap(lambda shift: rigid.exp(jnp.concatenate([shift, tangent[3:]]))[:3, 3], out_axes=1)(shifts)
+    return jax.scipy.linalg.block_diag(shifts, left)
+
+
 def _of_points(
     term: PointTerm, T_a_b: Float[Array, "4 4"], pivot: Float[Array, "3"], level: Level
 ) -> NormalEquations:

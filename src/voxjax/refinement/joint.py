@@ -9,9 +9,8 @@ import lineax as lx
 import optimistix as optx
 from jaxtyping import Bool, Float, Int32, PyTree
 
-from .. import rigid
 from .._types import Array
-from .equations import move_about
+from .equations import move_about, tangent_slopes
 from .joint_equations import JointEquations
 from .joint_problem import JointProblem
 from .pose import (
@@ -63,16 +62,8 @@ class _Charts(NamedTuple):
 
     def slopes(self, unknowns: Float[Array, "maps 6"]) -> Float[Array, "maps 6 6"]:
         """Tangents about the images of the centroids with a change of the unknowns; 0 for maps that stay."""
-        slopes = jax.vmap(_tangent_slopes)(unknowns * self.units) * self.units[:, None, :]
+        slopes = jax.vmap(tangent_slopes)(unknowns * self.units) * self.units[:, None, :]
         return jnp.where(self.is_fixed[:, None, None], jnp.zeros_like(slopes), slopes)
-
-
-def _tangent_slopes(tangent: Float[Array, "6"]) -> Float[Array, "6 6"]:
-    """Tangent at the pose that `move_about` gives, with a change of the tangent that it was given."""
-    shifts = jnp.eye(3, dtype=tangent.dtype)
-    # The translation that `exp` gives is the left Jacobian of the rotation times what it is given.
-    left = jax.vmap(lambda v: rigid.exp(jnp.concatenate([v, tangent[3:]]))[:3, 3], out_axes=1)(shifts)
-    return jax.scipy.linalg.block_diag(shifts, left)
 
 
 class _Args(NamedTuple):

@@ -43,6 +43,9 @@ def implicit_covariance(
     takes the offsets of points for independent and the loss for quadratic, this takes neither. What resists
     motion along planes is left out: it is the grid, not the place.
 
+    Trust it only where nothing slides (`Refinement.result` is not `degenerate`): normals count as exact, so that where
+    surfaces fix a direction by their roughness alone it claims to know it (`notebooks/04_refinement.ipynb`).
+
     Args:
         problem: Of which the pose is the solution; what its points meet is held.
         T_a_b: Refined pose.

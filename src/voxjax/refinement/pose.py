@@ -10,9 +10,8 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Bool, Float, Int32, PyTree
 
-from .. import rigid
 from .._types import Array
-from .equations import NormalEquations, move_about, pose_equations
+from .equations import NormalEquations, move_about, pose_equations, tangent_slopes
 from .solver import COARSE_STEP, AnnealedLevenbergMarquardt
 from .terms import Level, Term
 
@@ -113,11 +112,7 @@ class _Chart(NamedTuple):
 
     def slopes(self, unknowns: Float[Array, "6"]) -> Float[Array, "6 6"]:
         """Tangent about the image of the centroid with a change of the unknowns."""
-        shifts = jnp.eye(3, dtype=unknowns.dtype)
-        turn = (unknowns * self.units)[3:]
-        # The translation that `exp` gives is the left Jacobian of the rotation times what it is given.
-        left = jax.vmap(lambda shift: rigid.exp(jnp.concatenate([shift, turn]))[:3, 3], out_axes=1)(shifts)
-        return jax.scipy.linalg.block_diag(shifts, left) * self.units[None, :]
+        return tangent_slopes(unknowns * self.units) * self.units[None, :]
 
 
 class _Args(NamedTuple):
