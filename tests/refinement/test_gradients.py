@@ -220,3 +220,20 @@ def test_corners_alone_give_the_closed_form(room):
     np.testing.assert_allclose(found.T_a_b[:3, :3], rotation, atol=2e-5)
     np.testing.assert_allclose(found.T_a_b[:3, 3], shift, atol=2e-4)
     assert bool(found.converged)
+
+
+def test_a_start_that_is_the_solution_has_its_derivative(prepared, start):
+    problem = pose_problem(*prepared, num_points=POINTS)
+    scales = jnp.asarray(SCALES, jnp.float32)
+    found = solve_pose(problem, jnp.asarray(start, jnp.float32), scales).T_a_b
+
+    def refined(weights, T):
+        changed = eqx.tree_at(lambda p: planes_of(p).sample.weights, problem, weights)
+        return solve_pose(changed, T, scales).T_a_b[0, 3]
+
+    slope = eqx.filter_jit(jax.grad(refined))
+    weights = jnp.asarray(planes_of(problem).sample.weights)
+    first, again = slope(weights, jnp.asarray(start, jnp.float32)), slope(weights, found)
+    assert np.abs(first).max() > 0
+    # A few points meet other planes from there.
+    assert np.corrcoef(first, again)[0, 1] > 0.9

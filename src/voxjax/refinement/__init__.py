@@ -11,17 +11,10 @@ from .joint_problem import JointProblem
 from .losses import Loss
 from .noise import implicit_covariance
 from .occupancy import Occupancies
-from .pairs import CornerPairs
-from .pairs import Prior
-from .planes import Planes
-from .planes import Sample
-from .planes import Surface
-from .pose import PoseProblem
-from .pose import RefinedPose
-from .pose import solve_pose
-from .terms import Level
-from .terms import PointTerm
-from .terms import Term
+from .pairs import CornerPairs, Prior
+from .planes import Planes, Sample, Surface
+from .pose import PoseProblem, RefinedPose, solve_pose
+from .terms import Level, PointTerm, Term
 
 __all__ = [
     "CornerPairs",

@@ -33,6 +33,9 @@ ATOL = {np.dtype(np.float32): 1e-4, np.dtype(np.float64): 1e-9}
 RTOL = {np.dtype(np.float32): 1e-6, np.dtype(np.float64): 1e-15}
 """Sums of squares are no more exact than this, by dtype."""
 
+SAME_POSE = 0.02
+"""Poses whose entries differ by less than this [last robust scale in metres] are one."""
+
 RANK_TOLERANCE = {np.dtype(np.float32): 1e-5, np.dtype(np.float64): 1e-10}
 """Directions whose curvature is below this share of the largest are not fixed, and have no derivative."""
 
@@ -229,8 +232,11 @@ def solve_pose(
 
     The derivative is that of this solution, by the implicit function theorem (forward and reverse mode): with respect
     to everything floating in the problem and to the last scale. A solution does not depend on its start, so the
-    derivative with respect to `T_a_b` is 0, unless a term holds the start (`Prior`), or no better pose than the start
-    was found. Directions that nothing fixes have a derivative of 0.
+    derivative with respect to `T_a_b` is 0, unless a term holds the start (`Prior`), or the start is kept because no
+    better pose was found. A kept start has the derivative of the solution if that is the same but for a small part of
+    the scale, else none. Directions that nothing fixes have a derivative of 0.
+
+    Pass the problem as an argument into functions that are compiled around this: its tables would be large constants.
 
     Args:
         problem: Its dtype, float32 or float64, is that of the result.
@@ -257,8 +263,11 @@ def solve_pose(
     level = Level(scales[-1], jnp.asarray(scales.shape[0] - 1, jnp.int32))
     before, after = problem.cost(start, level), problem.cost(T, level)
     is_better = after < before
+    # A start that is the solution but for rounding stays, with the derivative of the solution.
+    is_same = jnp.max(jnp.abs(T - start)) < SAME_POSE * scales[-1]
+    kept = start + jnp.where(is_same, T - jax.lax.stop_gradient(T), jnp.zeros_like(T))
     return RefinedPose(
-        jnp.where(is_better, T, start),
+        jnp.where(is_better, T, kept),
         before,
         jnp.where(is_better, after, before),
         steps + more + last,
