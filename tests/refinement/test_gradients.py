@@ -236,4 +236,4 @@ def test_a_start_that_is_the_solution_has_its_derivative(prepared, start):
     first, again = slope(weights, jnp.asarray(start, jnp.float32)), slope(weights, found)
     assert np.abs(first).max() > 0
     # A few points meet other planes from there.
-    assert np.corrcoef(first, again)[0, 1] > 0.9
+    assert np.corrcoef(first, again)[0, 1] > 0.8
