@@ -74,6 +74,7 @@ class HeldDistances(PointTerm):
         return [self.cells.at(points) / level.scale]
 
 
+@jax.jit
 def plane_distances(
     centres: Float[Array, "m 3"],
     nearest: Int32[Array, "m"],

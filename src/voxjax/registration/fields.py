@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from .._buckets import pad_rows, wide_bucket_size
 from .._tables import reserve
 from .._types import FREE, OCCUPIED, Array
 from ..ops.nearest import NOTHING_NEAR, split_keys
@@ -15,6 +16,9 @@ from .prepared import FIELD_RADIUS, PreparedMap
 
 BAND_SQ = 9
 """Opinions of voxels within three voxels of a surface are told apart; beyond, free is free."""
+
+LEAST_VALUES = 1 << 16
+"""Values of the shortest field; lengths climb in wide steps, so that maps share compiled kernels."""
 
 
 def distance_field_of(prepared: PreparedMap, surface: Surface) -> Field:
@@ -30,19 +34,19 @@ def distance_field_of(prepared: PreparedMap, surface: Surface) -> Field:
     reach = jnp.asarray(FIELD_RADIUS, voxel_size.dtype) * voxel_size
     sides = np.asarray(prepared.sides)[: len(surface.points)]
     is_signed = sides.any(axis=1) & prepared.has_free_space
-    nearest = np.asarray(split_keys(keys[cells])[0])
+    length = wide_bucket_size(len(cells), LEAST_VALUES)
+    nearest = pad_rows(np.asarray(split_keys(keys[cells])[0]), length)
     centres = prepared.grid.world_from_index(_unravel(cells, prepared)).astype(voxel_size.dtype)
     distances = plane_distances(
-        jnp.asarray(centres),
-        jnp.asarray(nearest),
+        pad_rows(centres, length),
+        nearest,
         jnp.asarray(surface.points),
         jnp.asarray(surface.normals),
-        jnp.asarray(is_signed),
+        is_signed,
         voxel_size=voxel_size,
         reach=reach,
     )
-    values = jnp.concatenate([reach[None], distances])
-    return _field(prepared, cells, 1, values)
+    return _field(prepared, cells, 1, jnp.concatenate([reach[None], distances]))
 
 
 def opinion_field_of(prepared: PreparedMap, said: Float[Array, "x y z"] | None = None) -> Field:
@@ -57,11 +61,12 @@ def opinion_field_of(prepared: PreparedMap, said: Float[Array, "x y z"] | None =
     keys = _keys(prepared)
     is_near = (keys != NOTHING_NEAR) & (np.asarray(split_keys(keys)[1]) <= BAND_SQ)
     cells = np.flatnonzero(is_near)
+    length = wide_bucket_size(len(cells), LEAST_VALUES)
     if said is None:
         near = np.where(states[cells] == OCCUPIED, 1.0, np.where(states[cells] == FREE, -1.0, 0.0))
-        near = jnp.asarray(near, jnp.float32)
+        near = jnp.asarray(pad_rows(near.astype(np.float32), length))
     else:
-        near = jnp.asarray(said).reshape(-1)[cells]
+        near = jnp.asarray(said).reshape(-1)[pad_rows(cells, length)]
     values = jnp.concatenate([jnp.asarray([0.0, -1.0], near.dtype), near])
     field = _field(prepared, cells, 2, values)
     rows = np.asarray(field.rows)
