@@ -16,6 +16,7 @@ from .._threads import spread
 from .._types import Array
 from ..grid import VoxelGrid
 from ..refinement.covariance import PATCH_VOXELS, PRIOR, pose_covariance
+from ..refinement.equations import move_about
 from ..refinement.losses import Loss
 from ..refinement.pose import PoseProblem, RefinedPose, problem_cost, solve_pose
 from ..refinement.terms import Term
@@ -32,6 +33,9 @@ LEVELS_PER_OCTAVE = 2
 
 COARSE_POINTS = 2048
 """Voxels of coarsened maps to use."""
+
+SIDE_TURN = 20.0
+"""Turns about each axis from which far starts are led as well [degrees]."""
 
 
 class Refinement(eqx.Module):
@@ -149,15 +153,34 @@ def refine(
 def _lead(
     start: Array, maps: tuple[PreparedMap, PreparedMap], first: float, *, loss: Loss, both_ways: bool
 ) -> Array:
-    """Lead a start or several along maps coarser by powers of two, to within the reach of the maps themselves."""
+    """Lead a start or several along maps coarser by powers of two, to within the reach of the maps themselves.
+
+    A single start goes with turned ones, because far turns end in other valleys more often than far shifts; the pose
+    of least cost on the finest of the coarser maps is taken.
+    """
     voxel, led = maps[0].grid.voxel_size, jax.lax.stop_gradient(jnp.asarray(start))
-    for factor in coarse_factors(first / voxel):
+    factors = coarse_factors(first / voxel)
+    if not factors:
+        return led
+    is_single = led.ndim == 2
+    poses = np.asarray(_turned(led, maps[1].centroid) if is_single else led)
+    found = None
+    for factor in factors:
         rough = [prepare_map(m.grid.with_voxel_size(factor * m.grid.voxel_size)) for m in maps]
         width = START_DISTANCE * factor * voxel
-        scales = robust_scales(min(width, first), width / 2).astype(led.dtype)
+        scales = robust_scales(min(width, first), width / 2).astype(poses.dtype)
         problem = pose_problem(*rough, num_points=COARSE_POINTS, loss=loss, both_ways=both_ways)
-        led = (solve_starts if led.ndim == 3 else solve_pose)(problem, led, scales).T_a_b
-    return led
+        found = solve_starts(problem, poses, scales)
+        poses = np.asarray(found.T_a_b)
+    assert found is not None  # there is a factor
+    return jnp.asarray(poses[np.argmin(found.cost_after)] if is_single else poses)
+
+
+def _turned(T_a_b: Array, centroid: Array) -> Float[Array, "turns 4 4"]:
+    """A pose, and the same turned about the image of the centroid, either way about each axis."""
+    turns = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)]) * np.radians(SIDE_TURN)
+    tangents = np.concatenate([np.zeros_like(turns), turns], axis=1).astype(T_a_b.dtype)
+    return jax.vmap(move_about, in_axes=(None, None, 0))(T_a_b, jnp.asarray(centroid), jnp.asarray(tangents))
 
 
 def _better(problem: PoseProblem, start: Array, found: RefinedPose, scales: Array) -> RefinedPose:
