@@ -10,7 +10,8 @@ import voxjax as vx
 from oracles.motions import nudged, pose_error
 from oracles.rooms import VOXEL
 from voxjax.refinement.pose import solve_pose
-from voxjax.registration.problem import pose_problem
+from voxjax.registration.many_starts import solve_starts
+from voxjax.registration.problem import as_dtype, pose_problem
 from voxjax.registration.refine import coarse_factors, refine
 
 POINTS = 512
@@ -84,6 +85,14 @@ def test_several_starts_end_where_each_ends_alone(prepared, room, starts):
         refine(prepared[0], prepared[1], starts[[0, 3]], num_points=POINTS)
     with pytest.raises(vx.InputError, match="at least one"):
         refine(prepared[0], prepared[1], starts[:0], num_points=POINTS)
+
+
+def test_several_starts_in_float64(prepared, starts):
+    with jax.enable_x64(True):
+        problem = as_dtype(pose_problem(*prepared, num_points=POINTS), np.float64)
+        found = solve_starts(problem, starts[:2].astype(np.float64), SCALES.astype(np.float64))
+    assert found.T_a_b.dtype == np.float64
+    assert (found.cost_after < found.cost_before).all()
 
 
 def test_far_starts_are_led_along_coarser_maps(prepared, room):

@@ -1,5 +1,9 @@
 """Refinement from many starts: all are led to their basins on few points, and each basin is refined once."""
 
+from collections.abc import Callable
+from typing import Any
+
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -29,12 +33,12 @@ def solve_starts(
         Host arrays with a leading axis k. The steps are those on the way to a basin and in it.
     """
     starts = np.asarray(starts)
-    led = spread(lambda start: find_basin(problem, start, scales), list(starts))
+    led = _spread(lambda start: find_basin(problem, start, scales), list(starts))
     poses, steps = np.stack([np.asarray(pose) for pose, _ in led]), np.asarray([int(n) for _, n in led])
     basin, chosen = _basins(poses, np.asarray(problem.centroid), float(problem.radius), float(scales[-1]))
-    found = spread(lambda row: solve_pose(problem, poses[row], scales[-1:]), list(chosen))
+    found = _spread(lambda row: solve_pose(problem, poses[row], scales[-1:]), list(chosen))
     T, _, after, more, converged = (np.stack([np.asarray(one[k]) for one in found])[basin] for k in range(5))
-    before = np.stack(spread(lambda start: np.asarray(problem_cost(problem, start, scales)), list(starts)))
+    before = np.stack(_spread(lambda start: np.asarray(problem_cost(problem, start, scales)), list(starts)))
     is_better = after < before
     return RefinedPose(
         np.where(is_better[:, None, None], T, starts),
@@ -43,6 +47,17 @@ def solve_starts(
         (steps + more).astype(np.int32),
         converged,
     )
+
+
+def _spread(function: Callable[[np.ndarray], Any], items: list[np.ndarray]) -> list[Any]:
+    """`spread`, with the precision that the caller has set: JAX keeps it for each thread."""
+    is_double = bool(jax.config.jax_enable_x64)
+
+    def run(item: np.ndarray) -> Any:
+        with jax.enable_x64(is_double):
+            return function(item)
+
+    return spread(run, items)
 
 
 def _basins(
