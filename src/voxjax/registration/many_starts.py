@@ -1,6 +1,6 @@
 """Refinement from many starts: all are led to their basins on few points, and each basin is refined once."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -49,11 +49,11 @@ def solve_starts(
     )
 
 
-def _spread(function: Callable[[np.ndarray], Any], items: list[np.ndarray]) -> list[Any]:
+def _spread(function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
     """`spread`, with the precision that the caller has set: JAX keeps it for each thread."""
-    is_double = bool(jax.config.jax_enable_x64)
+    is_double = bool(jax.config.read("jax_enable_x64"))
 
-    def run(item: np.ndarray) -> Any:
+    def run(item: Any) -> Any:
         with jax.enable_x64(is_double):
             return function(item)
 
