@@ -46,9 +46,7 @@ def test_pairs_of_ten_sizes_compile_each_kernel_at_most_three_times(compiled):
         after.append(sum(compiled().values()))
     kernels = compiled()
     assert accepted >= 5
-    assert {"solve_pose", "_surface_piece", "_code_piece", "_align_piece", "agreement_matrix"} <= set(
-        kernels
-    )
+    assert {"solve_pose", "_surface_piece", "_code_piece", "_align_piece", "agreement_matrix"} <= set(kernels)
     too_often = {name: count for name, count in kernels.items() if count > 3 and name not in PRIMITIVES}
     assert not too_often, kernels
     assert after[0] > 10
