@@ -61,7 +61,14 @@ def assert_derivative(function, value, direction, *, step, rtol, jit=eqx.filter_
     np.testing.assert_allclose(jnp.sum(back * direction), jnp.sum(pull * found), rtol=1e-6, atol=1e-9 * size)
 
 
-@pytest.mark.parametrize("kind", [*list(KINDS)[:3], pytest.param("both", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "planes",
+        "occupancies",
+        *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("distances", "both")),
+    ],
+)
 def test_weights_in_float64(prepared, start, kind):
     with jax.enable_x64(True):
         problem = as_dtype(pose_problem(*prepared, residuals=KINDS[kind], num_points=POINTS), np.float64)

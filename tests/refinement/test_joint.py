@@ -228,6 +228,7 @@ def test_factors_and_conjugate_gradients_give_the_same_step(dtype):
         np.testing.assert_allclose(sparse_step(damped), dense_step(damped), rtol=1e-3, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_many_maps_by_conjugate_gradients_end_where_few_maps_by_factors_do(monkeypatch):
     with jax.enable_x64(True):
         problem, truth = corner_problem(np.random.default_rng(3), 5, [(0, 1), (1, 2), (2, 3), (3, 4), (4, 0)])
