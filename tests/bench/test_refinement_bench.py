@@ -185,7 +185,7 @@ def test_a_missing_peer_is_refused_with_the_way_to_install_it(monkeypatch):
     monkeypatch.setattr(importlib, "import_module", without_open3d)
     with pytest.raises(InputError, match="pip install open3d-cpu"):
         load_refiners(["open3d"])
-    assert [r.module for r in load_refiners([])] == [None, None]
+    assert [r.module for r in load_refiners([])] == [None, None, None]
 
 
 def test_the_command_writes_draws_and_prints_its_results(tmp_path, monkeypatch, capsys):
