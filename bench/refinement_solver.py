@@ -22,7 +22,8 @@ import numpy as np
 from bench.refinement_cases import generated_cases, starts_of
 from bench.refinement_parts import START_DEGREES, START_METRES, Plan, Row
 from bench.timing import time_interleaved
-from voxjax.refinement.pose import PoseProblem, RefinedPose, solve_pose
+from voxjax.refinement.pose import RefinedPose, solve_pose
+from voxjax.refinement.problem import PoseProblem
 from voxjax.registration.many_starts import solve_starts
 from voxjax.registration.prepared import prepare_map
 from voxjax.registration.problem import as_dtype, pose_problem

@@ -1,11 +1,14 @@
 """A furnished room in two frames, and the problems between the two maps."""
 
+import equinox as eqx
 import numpy as np
 import pytest
 
 import voxjax as vx
 from oracles.motions import random_pose
 from oracles.rooms import VOXEL, furnished_room
+from voxjax.refinement.planes import Planes
+from voxjax.refinement.problem import PoseProblem
 from voxjax.registration.prepared import prepare_map
 
 
@@ -20,3 +23,26 @@ def room():
 @pytest.fixture(scope="session")
 def prepared(room):
     return prepare_map(room[0]), prepare_map(room[1])
+
+
+CELLS, ROWS = 1 << 18, 1 << 15
+
+
+@pytest.fixture(scope="session")
+def small(prepared):
+    """A function that cuts a problem's tables to little more than what is in them.
+
+    Padded ones are too large to be stacked, or to be constants of a kernel.
+    """
+    for part in prepared:
+        assert part.grid.states.size <= CELLS
+        assert part.num_points <= ROWS
+
+    def cut(term):
+        if isinstance(term, Planes):
+            surface = term.surface
+            rows = {name: getattr(surface, name)[:ROWS] for name in ("points", "normals", "planarity")}
+            return eqx.tree_at(lambda t: t.surface, term, surface._replace(keys=surface.keys[:CELLS], **rows))
+        return eqx.tree_at(lambda t: t.field.rows, term, term.field.rows[:CELLS])
+
+    return lambda problem: PoseProblem(tuple(map(cut, problem.terms)), problem.centroid, problem.radius)

@@ -16,18 +16,6 @@ from voxjax.registration.refine import coarse_factors, refine
 
 POINTS = 512
 SCALES = np.asarray([2.0, 1.0], np.float32) * np.float32(VOXEL)
-CELLS, ROWS = 1 << 16, 1 << 14
-
-
-def small(problem):
-    """The problem with its tables cut to what is in them: padded ones are too large to be stacked."""
-
-    def cut(term):
-        surface = term.surface
-        rows = {name: getattr(surface, name)[:ROWS] for name in ("points", "normals", "planarity")}
-        return eqx.tree_at(lambda t: t.surface, term, surface._replace(keys=surface.keys[:CELLS], **rows))
-
-    return eqx.tree_at(lambda p: p.terms, problem, tuple(cut(term) for term in problem.terms))
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +41,7 @@ def test_under_vmap_one_failure_leaves_the_others_alone(room, prepared, starts):
     assert np.isnan(found.T_a_b[3]).any()
 
 
-def test_pairs_of_maps_under_vmap(prepared, room):
+def test_pairs_of_maps_under_vmap(prepared, room, small):
     forth = small(pose_problem(*prepared, num_points=POINTS))
     back = small(pose_problem(*prepared[::-1], num_points=POINTS))
     rng = np.random.default_rng(8)

@@ -15,7 +15,7 @@ from voxjax.refinement.joint_equations import JointEquations, dense_step, sparse
 from voxjax.refinement.joint_problem import JointProblem, edges_of
 from voxjax.refinement.losses import Loss
 from voxjax.refinement.pairs import CornerPairs
-from voxjax.refinement.pose import PoseProblem
+from voxjax.refinement.problem import PoseProblem
 from voxjax.refinement.terms import Level
 from voxjax.registration.joint_maps import connected_parts, joint_problem, overlapping_pairs
 from voxjax.registration.prepared import prepare_map

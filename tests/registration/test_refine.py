@@ -9,7 +9,8 @@ from oracles.rooms import VOXEL, furnished_room
 from voxjax.refinement.equations import move_about
 from voxjax.refinement.losses import Loss, robust_slope, robustify
 from voxjax.refinement.planes import SLIDE_WEIGHT, Planes, Sample
-from voxjax.refinement.pose import PoseProblem, solve_pose
+from voxjax.refinement.pose import solve_pose
+from voxjax.refinement.problem import PoseProblem
 from voxjax.refinement.terms import Level
 from voxjax.registration.map_views import hard_view
 from voxjax.registration.prepared import prepare_map

@@ -13,7 +13,8 @@ from .noise import implicit_covariance
 from .occupancy import Occupancies
 from .pairs import CornerPairs, Prior
 from .planes import Planes, Sample, Surface
-from .pose import PoseProblem, RefinedPose, solve_pose
+from .pose import RefinedPose, solve_pose
+from .problem import PoseProblem
 from .terms import Level, PointTerm, Term
 
 __all__ = [

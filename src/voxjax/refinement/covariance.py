@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 from .. import rigid
 from .._types import Array
 from .planes import Planes, Sample, Surface, meet
-from .pose import PoseProblem
+from .problem import PoseProblem
 from .terms import dot, moved_columns
 
 PATCH_VOXELS = 1000.0

@@ -6,23 +6,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import lineax as lx
-import optimistix as optx
-from jaxtyping import Bool, Float, Int32, PyTree
+from jaxtyping import Bool, Float, Int32
 
 from .._types import Array
 from .equations import move_about, tangent_slopes
-from .joint_equations import JointEquations
 from .joint_problem import JointProblem
-from .pose import (
-    ATOL,
-    COARSE_STRIDE,
-    FINE_STEP,
-    MAX_LAST_STEPS,
-    MAX_LEVEL_STEPS,
-    RANK_TOLERANCE,
-    RTOL,
-)
-from .solver import COARSE_STEP, AnnealedLevenbergMarquardt
+from .levels import COARSE_STRIDE, MAX_LEVEL_STEPS, RANK_TOLERANCE, lead, settle
 from .terms import Level
 
 DIRECT_MAPS = 8
@@ -57,6 +46,7 @@ class _Charts(NamedTuple):
     is_fixed: Bool[Array, "maps"]
 
     def poses(self, unknowns: Float[Array, "maps 6"]) -> Float[Array, "maps 4 4"]:
+        """The poses of unknowns."""
         moved = jax.vmap(move_about)(self.start, self.centroids, unknowns * self.units)
         return jnp.where(self.is_fixed[:, None, None], self.start, moved)
 
@@ -66,72 +56,10 @@ class _Charts(NamedTuple):
         return jnp.where(self.is_fixed[:, None, None], jnp.zeros_like(slopes), slopes)
 
 
-class _Args(NamedTuple):
-    """What residuals depend on beside the unknowns; those of optimistix are those at the last scale."""
-
-    problem: JointProblem
-    charts: _Charts
-    scales: Float[Array, "levels"]
-
-
-def _residuals(unknowns: Float[Array, "maps 6"], args: _Args) -> tuple[PyTree, ...]:
-    level = Level(args.scales[-1], jnp.asarray(args.scales.shape[0] - 1, jnp.int32))
-    return args.problem.rows(args.charts.poses(unknowns), level)
-
-
-def _lookup(unknowns: Float[Array, "maps 6"], args: _Args) -> tuple[PyTree, ...]:
-    return args.problem.met(args.charts.poses(unknowns))
-
-
-def _equations(
-    unknowns: Float[Array, "maps 6"], met: tuple[PyTree, ...], args: _Args, number: Int32[Array, ""]
-) -> JointEquations:
-    poses, level = args.charts.poses(unknowns), Level(args.scales[number], number)
-    return args.problem.holding(met).equations(poses, level).along(args.charts.slopes(unknowns))
-
-
-def _solve(
-    problem: JointProblem,
-    start: Float[Array, "maps 4 4"],
-    scales: Float[Array, "levels"],
-    *,
-    atol: float,
-    rough: float = 0.0,
-    max_level_steps: int,
-) -> tuple[Float[Array, "maps 4 4"], Int32[Array, ""], Bool[Array, ""]]:
-    """Poses, evaluations, and whether the last level converged."""
-    start, dtype = jax.lax.stop_gradient(start), start.dtype
-    one = jnp.ones((start.shape[0], 3), dtype)
-    units = jnp.concatenate([one, one / problem.radii[:, None]], axis=1) * scales[-1]
-    charts = _Charts(start, problem.centroids, jax.lax.stop_gradient(units), problem.is_fixed)
-    num_levels = scales.shape[0]
-    solver = AnnealedLevenbergMarquardt(
-        rtol=RTOL[dtype],
-        atol=atol,
-        rough=rough,
-        lookup=_lookup,
-        equations=_equations,
-        num_levels=num_levels,
-        max_level_steps=max_level_steps,
-    )
-    tolerance = RANK_TOLERANCE[dtype]
-    is_small = start.shape[0] <= DIRECT_MAPS
-    solution = optx.least_squares(
-        _residuals,
-        solver,
-        jnp.zeros((start.shape[0], 6), dtype),
-        _Args(problem, charts, scales),
-        max_steps=num_levels * max_level_steps,
-        adjoint=optx.ImplicitAdjoint(
-            linear_solver=lx.SVD(rcond=tolerance)
-            if is_small
-            else lx.CG(rtol=tolerance, atol=float(jnp.finfo(dtype).tiny))
-        ),
-        tags=frozenset({lx.symmetric_tag if is_small else lx.positive_semidefinite_tag}),
-        throw=False,
-    )
-    steps = jnp.asarray(solution.stats["num_steps"], jnp.int32)
-    return charts.poses(solution.value), steps, solution.stats["is_converged"]
+def _charts_about(start: Float[Array, "maps 4 4"], problem: JointProblem, scale: Float[Array, ""]) -> _Charts:
+    one = jnp.ones((start.shape[0], 3), start.dtype)
+    units = jnp.concatenate([one, one / problem.radii[:, None]], axis=1) * scale
+    return _Charts(start, problem.centroids, units, problem.is_fixed)
 
 
 @eqx.filter_jit
@@ -159,24 +87,19 @@ def solve_joint(
         Perception, 2020.
     """
     start = jnp.asarray(poses)
-    dtype = start.dtype
-    fixed, levels = jax.lax.stop_gradient((problem, scales))
     found, steps = start, jnp.zeros((), jnp.int32)
     if scales.shape[0] > 1:
-        found, more, _ = _solve(
-            fixed.thinned(COARSE_STRIDE),
-            found,
-            levels[:-1],
-            atol=COARSE_STEP,
-            max_level_steps=max_level_steps,
-        )
-        steps = steps + more
-    found, more, _ = _solve(
-        fixed, found, levels[-1:], atol=FINE_STEP, rough=COARSE_STEP, max_level_steps=max_level_steps
-    )
-    matched = problem.holding(problem.met(jax.lax.stop_gradient(found)))
-    refined, last, is_converged = _solve(
-        matched, found, scales[-1:], atol=ATOL[dtype], max_level_steps=MAX_LAST_STEPS
+        thinned, charts = problem.thinned(COARSE_STRIDE), _charts_about(start, problem, scales[-2])
+        found, steps, _ = lead(thinned, charts, scales, max_level_steps=max_level_steps)
+    tolerance, is_small = RANK_TOLERANCE[start.dtype], start.shape[0] <= DIRECT_MAPS
+    least = float(jnp.finfo(start.dtype).tiny)
+    refined, more, is_converged = settle(
+        problem,
+        _charts_about(found, problem, scales[-1]),
+        scales,
+        max_level_steps=max_level_steps,
+        linear_solver=lx.SVD(rcond=tolerance) if is_small else lx.CG(rtol=tolerance, atol=least),
+        tags=frozenset({lx.symmetric_tag if is_small else lx.positive_semidefinite_tag}),
     )
 
     level = Level(scales[-1], jnp.asarray(scales.shape[0] - 1, jnp.int32))
@@ -186,6 +109,6 @@ def solve_joint(
         jnp.where(is_better, refined, start),
         before,
         jnp.where(is_better, after, before),
-        steps + more + last,
+        steps + more,
         is_converged,
     )

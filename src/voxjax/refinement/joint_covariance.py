@@ -9,7 +9,7 @@ from .covariance import MAP_ACCURACY, PATCH_VOXELS, PRIOR, plane_information
 from .equations import NormalEquations
 from .joint_equations import PairEquations, relative_slopes, spread_pairs
 from .joint_problem import JointProblem
-from .pose import PoseProblem
+from .problem import PoseProblem
 
 
 @jax.jit

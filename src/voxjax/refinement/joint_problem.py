@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int32, PyTree
 from .._types import Array
 from .equations import pose_equations
 from .joint_equations import JointEquations, PairEquations, relative_pose, relative_slopes, spread_pairs
-from .pose import PoseProblem, sum_of_squares
+from .problem import PoseProblem, sum_of_squares
 from .terms import Level
 
 
@@ -154,3 +154,18 @@ class JointProblem(eqx.Module):
         total = jax.tree.map(lambda *each: sum(each[1:], start=each[0]), *(part[:3] for part in parts))
         pairs = jax.tree.map(lambda *each: jnp.concatenate(each), *(part[3:] for part in parts))
         return JointEquations(*total, *pairs)
+
+    def no_equations(self, dtype: jnp.dtype) -> JointEquations:
+        """What is known before the first evaluation: a cost without bound."""
+        num_maps = self.is_fixed.shape[0]
+        first, second = (
+            jnp.concatenate([getattr(group, name) for group in self.edges]) for name in ("first", "second")
+        )
+        return JointEquations(
+            jnp.full((), jnp.inf, dtype),
+            jnp.zeros((num_maps, 6), dtype),
+            jnp.zeros((num_maps, 6, 6), dtype),
+            jnp.zeros((first.shape[0], 6, 6), dtype),
+            first,
+            second,
+        )

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int32
 from .._types import Array
 from .equations import move_about
 from .planes import MatchedPlanes
-from .pose import PoseProblem, sum_of_squares
+from .problem import PoseProblem, sum_of_squares
 from .terms import Columns, Level, PointTerm, robust_rows
 
 NUM_PATCHES = 512

@@ -19,7 +19,7 @@ from ..refinement.joint_equations import relative_pose
 from ..refinement.joint_problem import JointProblem, edges_of
 from ..refinement.losses import Loss
 from ..refinement.planes import SLIDE_WEIGHT, Planes, Sample
-from ..refinement.pose import PoseProblem
+from ..refinement.problem import PoseProblem
 from .map_views import hard_view
 from .prepared import PreparedMap, sample_rows
 from .problem import radius_of, sample_of

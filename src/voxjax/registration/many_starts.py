@@ -9,7 +9,8 @@ from jaxtyping import Float
 
 from .._threads import spread
 from .._types import Array
-from ..refinement.pose import PoseProblem, RefinedPose, find_basin, problem_cost, solve_pose
+from ..refinement.pose import RefinedPose, find_basin, problem_cost, solve_pose
+from ..refinement.problem import PoseProblem
 
 SAME_SHIFT = 0.1
 """Poses on the way that differ by less than this [last robust scale], at the centroid and at the map's radius, are

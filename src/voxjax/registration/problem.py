@@ -14,7 +14,7 @@ from ..refinement.distance import Distances
 from ..refinement.losses import Loss
 from ..refinement.occupancy import Occupancies
 from ..refinement.planes import MIN_PLANARITY, SLIDE_WEIGHT, Planes, Sample, Surface
-from ..refinement.pose import PoseProblem
+from ..refinement.problem import PoseProblem
 from ..refinement.terms import Term
 from .fields import distance_field_of, opinion_field_of
 from .map_views import MapView, hard_view

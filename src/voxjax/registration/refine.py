@@ -18,7 +18,8 @@ from ..grid import VoxelGrid
 from ..refinement.covariance import PATCH_VOXELS, PRIOR, pose_covariance
 from ..refinement.equations import move_about
 from ..refinement.losses import Loss
-from ..refinement.pose import PoseProblem, RefinedPose, problem_cost, solve_pose
+from ..refinement.pose import RefinedPose, problem_cost, solve_pose
+from ..refinement.problem import PoseProblem
 from ..refinement.terms import Term
 from .many_starts import solve_starts
 from .map_views import MapView, hard_view, soft_map
