@@ -195,13 +195,13 @@ def test_the_command_writes_draws_and_prints_its_results(tmp_path, monkeypatch, 
     monkeypatch.setattr(refinement, "_plan", lambda args: plan)
     monkeypatch.setattr(refinement, "load_refiners", lambda names: methods)
     folder = ["--results", str(tmp_path)]
-    quick = ["--only", "accuracy,basin,covariance", "--plot", str(tmp_path / "img")]
+    quick = ["--only", "accuracy,basin", "--plot", str(tmp_path / "img")]
     assert refinement.main([*folder, *quick]) == 0
     assert {p.name for p in (tmp_path / "img").iterdir()} == {
         "refinement_basin.png",
         "refinement_accuracy.png",
     }
-    assert set(json.loads((tmp_path / FILE).read_text())) == {"accuracy", "basin", "covariance"}
+    assert set(json.loads((tmp_path / FILE).read_text())) == {"accuracy", "basin"}
     capsys.readouterr()
     assert refinement.main([*folder, "--table"]) == 0
     printed = capsys.readouterr().out

@@ -66,8 +66,7 @@ def assert_derivative(function, value, direction, *, step, rtol, jit=eqx.filter_
     "kind",
     [
         "planes",
-        "occupancies",
-        *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("distances", "both")),
+        *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("occupancies", "distances", "both")),
     ],
 )
 def test_weights_in_float64(prepared, start, kind, small):
@@ -125,6 +124,7 @@ def test_parameters_of_residuals_and_the_last_scale_in_float64(prepared, start, 
         assert_derivative(refined, jnp.asarray([0.1, VOXEL]), jnp.asarray([1.0, 0.3]), step=1e-5, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_the_start_counts_where_a_prior_holds_it(prepared, start, small):
     with jax.enable_x64(True):
         problem = as_dtype(small(pose_problem(*prepared, num_points=POINTS)), np.float64)

@@ -48,6 +48,7 @@ def errors(poses, truth, centroids, numbers=range(4)):
     return np.array([pose_error(poses[n], truth[n], centroids[n]) for n in numbers])
 
 
+@pytest.mark.slow
 def test_a_loop_ends_nearer_to_the_truth_than_a_chain_of_pairs(team):
     maps, truth, starts, centroids = team
     found = refine_joint(maps, starts, pairs=LOOP, num_points=POINTS)
