@@ -89,9 +89,11 @@ def test_weights_in_float64(prepared, start, kind, small):
     ("kind", "which"),
     [
         ("planes", 0),
-        ("occupancies", 1),
-        *(pytest.param(*case, marks=pytest.mark.slow) for case in (("planes", 1), ("occupancies", 0))),
-        *(pytest.param("distances", which, marks=pytest.mark.slow) for which in (0, 1)),
+        pytest.param("planes", 1, marks=pytest.mark.slow),
+        *(
+            pytest.param(kind, which, marks=pytest.mark.slow)
+            for kind, which in itertools.product(("occupancies", "distances"), (0, 1))
+        ),
     ],
 )
 def test_log_odds_of_either_map_in_float64(room, start, kind, which):
