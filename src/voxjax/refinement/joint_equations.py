@@ -12,8 +12,7 @@ from .._types import Array
 from .equations import NormalEquations
 
 DENSE_MAPS = 32
-"""Up to so many maps a dense factorisation is quicker than conjugate gradients: 0.07 ms beside 0.20 ms with 16 maps,
-0.60 beside 0.43 with 48, 8.7 beside 1.1 with 128 (four pairs a map, two cores)."""
+"""Up to so many maps a dense factorisation is quicker than conjugate gradients, whose work grows with the pairs."""
 
 CG_TOLERANCE = 1e-5
 """Share of the slope that conjugate gradients may leave: what they leave, the next step of the solver takes."""

@@ -17,7 +17,7 @@ LEAST_WEIGHT = 1e-20
 """Far below any weight, far above what float32 can hold."""
 
 Columns = Sequence[Float[Array, "n"]]
-"""Points or vectors as x, y and z: arrays whose last axis is 3 run ten times slower on a CPU."""
+"""Points or vectors as x, y and z: arrays whose last axis is 3 leave most lanes of a CPU empty."""
 
 
 class Level(NamedTuple):
