@@ -10,11 +10,26 @@ import voxjax as vx
 from oracles.motions import nudged, pose_error
 from oracles.rooms import VOXEL
 from voxjax.refinement.pose import solve_pose
+from voxjax.refinement.problem import PoseProblem
+from voxjax.refinement.terms import Term
 from voxjax.registration.many_starts import solve_starts
 from voxjax.registration.problem import as_dtype, pose_problem
 from voxjax.registration.refine import coarse_factors, refine
 
 POINTS = 512
+
+
+class AtLevel(Term):
+    """A pull to a place along x that depends on the number of the level."""
+
+    def rows(self, T_a_b, level):
+        """See `Term`."""
+        goal = jnp.stack(
+            [level.number.astype(T_a_b.dtype), jnp.zeros((), T_a_b.dtype), jnp.ones((), T_a_b.dtype)]
+        )
+        return ((T_a_b[:3, 3] - goal) / level.scale)[:, None]
+
+
 SCALES = np.asarray([2.0, 1.0], np.float32) * np.float32(VOXEL)
 
 
@@ -112,3 +127,13 @@ def test_coarse_factors_reach_as_far_as_asked(voxels, factors):
 def test_bad_options_are_one_sentence(prepared, room, changes, word):
     with pytest.raises(vx.InputError, match=word):
         refine(prepared[0], prepared[1], room[2], **changes)
+
+
+@pytest.mark.parametrize("num_levels", [1, 3])
+def test_terms_are_told_the_number_of_their_level(num_levels):
+    problem = PoseProblem((AtLevel(),), jnp.zeros(3), jnp.asarray(1.0))
+    scales = np.geomspace(2.0, 1.0, 3)[-num_levels:].astype(np.float32)
+    expected = [num_levels - 1.0, 0.0, 1.0]
+    np.testing.assert_allclose(solve_pose(problem, jnp.eye(4), scales).T_a_b[:3, 3], expected, atol=1e-4)
+    many = solve_starts(problem, np.stack([np.eye(4, dtype=np.float32)] * 2), scales)
+    np.testing.assert_allclose(many.T_a_b[:, :3, 3], [expected] * 2, atol=1e-4)

@@ -99,6 +99,7 @@ def solve_pose(
     scales: Float[Array, "levels"],
     *,
     max_level_steps: int = MAX_LEVEL_STEPS,
+    is_led: bool = False,
 ) -> RefinedPose:
     """Minimise the residuals from a start: coarse to fine, then with the matches that were found held.
 
@@ -119,13 +120,16 @@ def solve_pose(
         T_a_b: Start.
         scales: Robust scale of each level, falling [m].
         max_level_steps: Evaluations on each level.
+        is_led: The start is what `find_basin` gave, and only the last level is left.
 
     References:
         Yang et al., Graduated Non-Convexity for Robust Spatial Perception, 2020; Blondel et al., Efficient and Modular
         Implicit Differentiation, 2022.
     """
     start = jnp.asarray(T_a_b)
-    found, steps = find_basin(problem, start, scales, max_level_steps=max_level_steps)
+    found, steps = jax.lax.stop_gradient(start), jnp.zeros((), jnp.int32)
+    if not is_led:
+        found, steps = find_basin(problem, start, scales, max_level_steps=max_level_steps)
     T, more, is_converged = settle(
         problem,
         _chart_about(found, problem, scales[-1]),

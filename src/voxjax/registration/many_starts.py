@@ -37,7 +37,7 @@ def solve_starts(
     led = _spread(lambda start: find_basin(problem, start, scales), list(starts))
     poses, steps = np.stack([np.asarray(pose) for pose, _ in led]), np.asarray([int(n) for _, n in led])
     basin, chosen = _basins(poses, np.asarray(problem.centroid), float(problem.radius), float(scales[-1]))
-    found = _spread(lambda row: solve_pose(problem, poses[row], scales[-1:]), list(chosen))
+    found = _spread(lambda row: solve_pose(problem, poses[row], scales, is_led=True), list(chosen))
     T, _, after, more, converged = (np.stack([np.asarray(one[k]) for one in found])[basin] for k in range(5))
     before = np.stack(_spread(lambda start: np.asarray(problem_cost(problem, start, scales)), list(starts)))
     is_better = after < before
