@@ -142,6 +142,7 @@ def test_targets_are_judged_against_the_best_peer():
     assert not judged["drift-free: median <= 0.1 degrees"][1]
     assert judged["drift-free: median [m] no worse than any peer's"] == ("0.02, q 0.01", False)
     assert judged["drift-free: median [degrees] no worse than any peer's"] == ("0.12, p 0.13", True)
+    assert judged["drift-free: 90th percentile [degrees] no worse than any peer's"] == ("0.24, p 0.26", True)
     assert judged["basin, both: as wide as any peer's"] == ("1 m, 15°, p 2 m, 30°", False)
 
 
