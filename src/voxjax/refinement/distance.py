@@ -5,15 +5,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int32
 
-from .. import rigid
 from .._types import Array
-from .fields import Cells, Field, cells_around
+from .field_terms import FieldTerm, HeldFieldTerm
+from .fields import Cells, Field
 from .losses import Loss
 from .planes import Sample
-from .terms import Columns, Level, PointTerm, Term, dot, moved_columns
+from .terms import Columns, Level, dot
 
 
-class Distances(Term):
+class Distances(FieldTerm):
     """Points of one map at the zero of the other's distance field, read between voxel centres.
 
     Attributes:
@@ -28,15 +28,6 @@ class Distances(Term):
     loss: Loss = eqx.field(static=True, default="geman_mcclure")
     is_inverse: bool = eqx.field(static=True, default=False)
 
-    def rows(self, T_a_b: Float[Array, "4 4"], level: Level) -> Float[Array, "1 n"]:
-        """See `Term`."""
-        return self.holding(self.met(jax.lax.stop_gradient(T_a_b))).rows(T_a_b, level)
-
-    def met(self, T_a_b: Float[Array, "4 4"]) -> Cells:
-        """See `Term`."""
-        T = rigid.inverse(T_a_b) if self.is_inverse else T_a_b
-        return cells_around(self.field, moved_columns(T, self.sample.points))
-
     def holding(self, met: Cells) -> "HeldDistances":
         """See `Term`."""
         return HeldDistances(cells=met, sample=self.sample, loss=self.loss, is_inverse=self.is_inverse)
@@ -46,7 +37,7 @@ class Distances(Term):
         return Distances(self.field, self.sample.thinned(stride), self.loss, self.is_inverse)
 
 
-class HeldDistances(PointTerm):
+class HeldDistances(HeldFieldTerm):
     """`Distances` of points that keep their cells.
 
     Attributes:
@@ -60,14 +51,6 @@ class HeldDistances(PointTerm):
     sample: Sample
     loss: Loss = eqx.field(static=True)
     is_inverse: bool = eqx.field(static=True)
-
-    def points(self) -> Float[Array, "n 3"]:
-        """See `PointTerm`."""
-        return self.sample.points
-
-    def weights(self) -> Float[Array, "n"]:
-        """See `PointTerm`."""
-        return self.sample.weights
 
     def offsets(self, points: Columns, level: Level) -> Columns:
         """See `PointTerm`."""

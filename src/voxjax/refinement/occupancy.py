@@ -1,16 +1,15 @@
 """Soft agreement of what two maps say of the same places: occupied, free, or nothing."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from .. import rigid
 from .._types import Array
-from .fields import Cells, Field, cells_around
+from .field_terms import FieldTerm, HeldFieldTerm
+from .fields import Cells, Field
 from .losses import Loss
 from .planes import Sample
-from .terms import Columns, Level, PointTerm, Term, moved_columns
+from .terms import Columns, Level
 
 
 def opinion(log_odds: Float[Array, "*n"]) -> Float[Array, "*n"]:
@@ -18,7 +17,7 @@ def opinion(log_odds: Float[Array, "*n"]) -> Float[Array, "*n"]:
     return jnp.tanh(0.5 * log_odds)
 
 
-class Occupancies(Term):
+class Occupancies(FieldTerm):
     """Each point says something of its place, and so does the other map: the offset is the difference.
 
     Squared, agreement costs 0, a place that the other map does not know 1, and a conflict (occupied in free space, or
@@ -39,15 +38,6 @@ class Occupancies(Term):
     loss: Loss = eqx.field(static=True, default="squared")
     is_inverse: bool = eqx.field(static=True, default=False)
 
-    def rows(self, T_a_b: Float[Array, "4 4"], level: Level) -> Float[Array, "1 n"]:
-        """See `Term`."""
-        return self.holding(self.met(jax.lax.stop_gradient(T_a_b))).rows(T_a_b, level)
-
-    def met(self, T_a_b: Float[Array, "4 4"]) -> Cells:
-        """See `Term`."""
-        T = rigid.inverse(T_a_b) if self.is_inverse else T_a_b
-        return cells_around(self.field, moved_columns(T, self.sample.points))
-
     def holding(self, met: Cells) -> "HeldOccupancies":
         """See `Term`."""
         return HeldOccupancies(
@@ -57,11 +47,15 @@ class Occupancies(Term):
     def thinned(self, stride: int) -> "Occupancies":
         """See `Term`."""
         return Occupancies(
-            self.field, self.sample.thinned(stride), self.said[::stride], self.loss, self.is_inverse
+            field=self.field,
+            sample=self.sample.thinned(stride),
+            said=self.said[::stride],
+            loss=self.loss,
+            is_inverse=self.is_inverse,
         )
 
 
-class HeldOccupancies(PointTerm):
+class HeldOccupancies(HeldFieldTerm):
     """`Occupancies` of points that keep their cells.
 
     Attributes:
@@ -77,14 +71,6 @@ class HeldOccupancies(PointTerm):
     said: Float[Array, "n"]
     loss: Loss = eqx.field(static=True)
     is_inverse: bool = eqx.field(static=True)
-
-    def points(self) -> Float[Array, "n 3"]:
-        """See `PointTerm`."""
-        return self.sample.points
-
-    def weights(self) -> Float[Array, "n"]:
-        """See `PointTerm`."""
-        return self.sample.weights
 
     def offsets(self, points: Columns, level: Level) -> Columns:
         """See `PointTerm`."""

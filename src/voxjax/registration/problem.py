@@ -110,7 +110,7 @@ def _term(
     if kind == "occupancies":
         sample, said = _said_points(other, num_points)
         field = opinion_field_of(target.prepared, target.said)
-        return Occupancies(field, _times(sample, share), said, is_inverse=is_inverse)
+        return Occupancies(field=field, sample=_times(sample, share), said=said, is_inverse=is_inverse)
     surface, sample = surface_of(target, is_signed=is_signed), _times(sample_of(other, num_points), share)
     if kind == "distances":
         return Distances(distance_field_of(target.prepared, surface), sample, loss, is_inverse)
