@@ -6,6 +6,9 @@ from pathlib import Path
 
 from ._checks import InputError
 
+PROGRAMS = "programs"
+"""Folder in that of the kernels, for what they are found by (`_programs`)."""
+
 
 def default_cache_folder() -> Path:
     """Where the command line keeps compiled kernels: `voxjax/xla` in the user's cache folder.
@@ -33,7 +36,7 @@ def keep_quickly_compiled_kernels() -> None:
 
 
 def use_compilation_cache(folder: str | os.PathLike | None = None) -> Path:
-    """Keep all kernels that this process compiles, and load those that an earlier one kept.
+    """Keep all kernels that this process compiles and the programs that it traces, and load what earlier ones kept.
 
     The library keeps nothing unless this is called; the command line calls it. JAX asks for kernels by their programs,
     the version, the device and the features of the processor, so what has changed is compiled anew. It compiles anew,
@@ -51,11 +54,14 @@ def use_compilation_cache(folder: str | os.PathLike | None = None) -> Path:
     """
     import jax
 
+    from ._programs import keep_programs
+
     path = default_cache_folder() if folder is None else Path(folder)
     try:
         path.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path):
             pass
+        keep_programs(path / PROGRAMS)
     except OSError as error:
         raise InputError(
             f"compiled kernels cannot be kept in {path}: {error.strerror}; name another folder."

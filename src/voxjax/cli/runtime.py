@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TextIO
 
 from .._checks import InputError
-from .._compilation_cache import keep_quickly_compiled_kernels, use_compilation_cache
+from .._compilation_cache import PROGRAMS, keep_quickly_compiled_kernels, use_compilation_cache
 
 _UNREADABLE = re.compile(r"Error reading persistent compilation cache entry for '([^']+)'")
 _UNWRITTEN = re.compile(r"Error writing persistent compilation cache entry for '[^']+': (.+)", re.DOTALL)
@@ -30,8 +30,10 @@ def kept_kernels() -> Iterator[None]:
     if os.environ.get("VOXJAX_CACHE") == "off":
         yield
         return
-    if os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+    if chosen := os.environ.get("JAX_COMPILATION_CACHE_DIR"):
         keep_quickly_compiled_kernels()
+        if "://" not in chosen:  # JAX also takes addresses of stores
+            _keep_programs(Path(chosen) / PROGRAMS)
         yield
         return
     try:
@@ -42,6 +44,16 @@ def kept_kernels() -> Iterator[None]:
         return
     with _mended(folder):
         yield
+
+
+def _keep_programs(folder: Path) -> None:
+    """Keep programs in a folder, or say why not."""
+    from .._programs import keep_programs
+
+    try:
+        keep_programs(folder)
+    except OSError as error:
+        _say(f"programs cannot be kept in {folder}: {error.strerror}.")
 
 
 @contextmanager

@@ -9,10 +9,12 @@ import numpy as np
 from jaxtyping import Float32, Int32, UInt32
 
 from .. import rigid
+from .._programs import kept_program
 from .._threads import num_cores
 from .._types import Array
-from .lookup import Block, entries, turn_columns, values_at
-from .nearest import NOTHING_NEAR, split_keys
+from .lookup import Block, row_entries, turn_columns
+from .materialize import materialized
+from .nearest import nearest_rows
 from .pieces import over_poses, runs_in_pieces
 
 DAMPING = 1e-4
@@ -92,6 +94,7 @@ def _align_at_once(
     return jax.lax.map(align, poses, batch_size=batch_size)
 
 
+@kept_program
 @partial(jax.jit, static_argnames="num_steps")
 def _align_piece(
     target: _Target, points: Array, weights: Array, start: Array, final: Array, poses: Array, count: Array,
@@ -131,17 +134,18 @@ class _Alignment(NamedTuple):
             * self.start_distance
             * (self.final_distance / self.start_distance) ** progress
         )
-        cell, is_inside = target.block.cells_under(T, self.columns)
-        key = values_at(target.keys, cell, is_inside, NOTHING_NEAR)
-        row = jnp.where(key == NOTHING_NEAR, 0, split_keys(key)[0])
+        is_valid = target.block.voxel_size > 0
+        is_near, row = nearest_rows(target.keys, lambda: target.block.cells_under(T, self.columns), is_valid)
+        surface, normal = materialized(
+            lambda: (row_entries(target.surface, row), row_entries(target.normals, row)), is_valid
+        )
         arm = turn_columns(T, self.centred)
         image = T[:3, :3] @ centre + T[:3, 3]
-        gap = [arm[k] + (image[k] - entries(target.surface[:, k], row)) for k in range(3)]
-        normal = [entries(target.normals[:, k], row) for k in range(3)]
+        gap = [arm[k] + (image[k] - surface[k]) for k in range(3)]
         residual = gap[0] * normal[0] + gap[1] * normal[1] + gap[2] * normal[2]
         distance_sq = gap[0] * gap[0] + gap[1] * gap[1] + gap[2] * gap[2]
         robust = 1.0 / (1.0 + distance_sq / (scale * scale)) ** 2
-        weight = jnp.where(key == NOTHING_NEAR, 0.0, weights * robust)
+        weight = jnp.where(is_near, weights * robust, 0.0)
         turn = [arm[k - 2] * normal[k - 1] - arm[k - 1] * normal[k - 2] for k in range(3)]
         jacobian = jnp.stack([*normal, *turn, residual])
         system = (jacobian * weight[None, :]) @ jacobian.T

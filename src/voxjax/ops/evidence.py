@@ -1,5 +1,6 @@
 """What the voxels of one map meet in the other one under a pose: hits, conflicts, or nothing known."""
 
+from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -8,8 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float32, Int32, UInt8, UInt32
 
+from .._programs import kept_program
 from .._types import FREE, Array
-from .lookup import Block, entries, turn_columns, values_at
+from .lookup import Block, entries, row_entries, turn_columns, values_at
+from .materialize import materialized
 from .nearest import split_keys
 from .pieces import runs_in_pieces, sum_over_pieces
 
@@ -17,6 +20,8 @@ NOTHING = np.uint8(0)
 HIT = np.uint8(1)
 NEUTRAL = np.uint8(2)
 CONFLICT = np.uint8(3)
+_OPPOSED = np.uint8(4)
+"""A hit on a surface that faces the other way."""
 
 
 @jax.jit
@@ -63,19 +68,29 @@ class SurfaceField(NamedTuple):
 
     def sums(self, T: Array, points: Array, normals: Array, weights: Array) -> Float32[Array, "10"]:
         """Hits, conflicts, undecided, opposed, and xx, xy, xz, yy, yz, zz of the information; columns in."""
+        is_valid = self.block.voxel_size > 0
+        code, cell = materialized(lambda: self._met(T, points), is_valid)
+        row = materialized(lambda: split_keys(entries(self.keys, cell))[0], is_valid)
+        met = materialized(lambda: row_entries(self.normals, row), is_valid)
+        kind, gain = materialized(lambda: self._judged(T, code, met, normals, weights), is_valid)
+        parts = [jnp.where(kind == k, weights, 0.0) for k in (HIT, CONFLICT, NEUTRAL, _OPPOSED)]
+        parts += [gain * met[i] * met[j] for i in range(3) for j in range(i, 3)]
+        return jnp.stack([jnp.sum(part, dtype=jnp.float32) for part in parts])
+
+    def _met(self, T: Array, points: Array) -> tuple[Array, Array]:
+        """Codes that points meet, and the cells of those that hit."""
         cell, is_inside = self.block.cells_under(T, points)
         code = values_at(self.codes, cell, is_inside, NOTHING)
-        # Only a hit has a nearest voxel for sure; the others all look at one row, which stays in the cache.
-        row = jnp.where(code == HIT, split_keys(entries(self.keys, cell))[0], 0)
-        met = [entries(column, row) for column in self.normals.T]
+        # Only a hit has a nearest voxel for sure; the others all look at one cell, which stays in the cache.
+        return code, jnp.where(code == HIT, cell, 0)
+
+    def _judged(self, T: Array, code: Array, met: Sequence[Array], normals: Array, weights: Array) -> tuple:
+        """Codes with hits that face the other way told apart, and what the hits weigh along the normals they met."""
         turned = turn_columns(T, normals)
         cosine = turned[0] * met[0] + turned[1] * met[1] + turned[2] * met[2]
         is_opposed = (code == HIT) & self.is_signed & (cosine < -0.3)
         is_hit = (code == HIT) & ~is_opposed
-        gain = jnp.where(is_hit, weights * jnp.abs(cosine), 0.0)
-        parts = [jnp.where(k, weights, 0.0) for k in (is_hit, code == CONFLICT, code == NEUTRAL, is_opposed)]
-        parts += [gain * met[i] * met[j] for i in range(3) for j in range(i, 3)]
-        return jnp.stack([jnp.sum(part, dtype=jnp.float32) for part in parts])
+        return jnp.where(is_opposed, _OPPOSED, code), jnp.where(is_hit, weights * jnp.abs(cosine), 0.0)
 
 
 class CodeField(NamedTuple):
@@ -86,7 +101,10 @@ class CodeField(NamedTuple):
 
     def sums(self, T: Array, points: Array, weights: Array) -> Float32[Array, "3"]:
         """Hits, conflicts and undecided; columns in."""
-        code = values_at(self.codes, *self.block.cells_under(T, points), NOTHING)
+        code = materialized(
+            lambda: values_at(self.codes, *self.block.cells_under(T, points), NOTHING),
+            self.block.voxel_size > 0,
+        )
         kinds = (HIT, CONFLICT, NEUTRAL)
         return jnp.stack([jnp.sum(jnp.where(code == k, weights, 0.0), dtype=jnp.float32) for k in kinds])
 
@@ -116,11 +134,13 @@ def _sums_of_piece(field: SurfaceField | CodeField, *piece: Array) -> Float32[Ar
     return jax.lax.fori_loop(0, num_steps, one if together == 1 else some, start)
 
 
+@kept_program
 @jax.jit
 def _surface_piece(field: SurfaceField, *piece: Array) -> Float32[Array, "p 10"]:
     return _sums_of_piece(field, *piece)
 
 
+@kept_program
 @jax.jit
 def _code_piece(field: CodeField, *piece: Array) -> Float32[Array, "p 3"]:
     return _sums_of_piece(field, *piece)

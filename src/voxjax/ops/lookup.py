@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float32, Int32
+from jaxtyping import Float, Float32, Int32
 
 from .._types import Array
 
@@ -51,6 +51,12 @@ def lookup(field: Array, block: Block, points: Float32[Array, "*n 3"], outside: 
 def entries(field: Array, row: Array) -> Array:
     """Entries of a flat field, at rows that it has: bounds and signs are not looked at again."""
     return jnp.asarray(field).at[row].get(mode="promise_in_bounds", wrap_negative_indices=False)
+
+
+def row_entries(table: Float[Array, "m 3"], row: Array) -> list[Array]:
+    """Rows of a table of vectors, by columns; of the flat table, because columns of it would be copied first."""
+    flat = jnp.asarray(table).reshape(-1)
+    return [entries(flat, 3 * row + axis) for axis in range(3)]
 
 
 def values_at(field: Array, cell: Array, is_inside: Array, outside: np.generic) -> Array:

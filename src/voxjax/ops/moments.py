@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float32, Int32, UInt8
 
 from .._buckets import pad_rows
 from .._checks import InputError, check_odd_window
+from .._programs import kept_program
 from .._tables import on_cpu
 from .._threads import spread
 from .._types import Array
@@ -145,6 +146,7 @@ def _piece_length() -> int:
     return _PIECE if on_cpu() else _PIECE_ELSEWHERE
 
 
+@kept_program
 @partial(jax.jit, static_argnames=("size", "reach"))
 def _moments_of_piece(
     packed: PackedStates, rows: Int32[Array, "n 3"], *, size: int, reach: int

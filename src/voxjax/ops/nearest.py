@@ -3,6 +3,7 @@
 The field is flat, so that one compiled kernel serves every grid whose volume falls on the same rung.
 """
 
+from collections.abc import Callable
 from functools import partial
 
 import jax
@@ -12,6 +13,8 @@ from jaxtyping import Bool, Int32, UInt32
 
 from .._checks import InputError
 from .._types import Array
+from .lookup import entries
+from .materialize import materialized
 
 INDEX_BITS = 26
 """A key is `squared distance << 26 | index`: 67 million voxels, squared distances below 63."""
@@ -58,6 +61,28 @@ def nearest_field(
     for axis in range(3):
         field = _spread_along(field, strides[axis], dims[axis], radius)
     return field
+
+
+def nearest_rows(
+    keys: UInt32[Array, "flat"],
+    cells: Callable[[], tuple[Array, Array]],
+    is_valid: Bool[Array, ""] | np.bool_ | bool,
+) -> tuple[Bool[Array, "n"], Int32[Array, "n"]]:
+    """Whether a listed voxel is in reach of points, and its row, 0 where there is none.
+
+    Args:
+        keys: Of `nearest_field`.
+        cells: Gives the cells of the points and whether they are inside the block.
+        is_valid: See `materialized`.
+    """
+
+    def look() -> tuple[Array, Array]:
+        cell, is_inside = cells()
+        key = entries(keys, cell)
+        is_near = is_inside & (key != NOTHING_NEAR)
+        return is_near, jnp.where(is_near, split_keys(key)[0], 0)
+
+    return materialized(look, is_valid)
 
 
 def _spread_along(field: Array, stride: Array, size: Array, radius: int) -> Array:

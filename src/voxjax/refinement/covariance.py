@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
 from .. import rigid
+from .._programs import kept_program
 from .._types import Array
 from .planes import Planes, Sample, Surface, meet
 from .problem import PoseProblem
@@ -22,6 +23,7 @@ PRIOR = 1.0
 """A direction that no surface fixes is uncertain by this [m, or m at the map's radius]."""
 
 
+@kept_program
 @jax.jit
 def pose_covariance(
     problem: PoseProblem, T_a_b: Float[Array, "4 4"], scale: Float[Array, ""], num_patches: Float[Array, ""]

@@ -110,9 +110,17 @@ class _Args(NamedTuple):
         return self.level(jnp.asarray(self.scales.shape[0] - 1, jnp.int32))
 
 
-def lead(problem: Problem, chart: Chart, scales: Float[Array, "levels"], *, max_level_steps: int) -> Descent:
-    """Down the levels before the last one; without a derivative."""
-    stages = [Stage(k, COARSE_STEP, max_level_steps) for k in range(scales.shape[0] - 1)]
+def lead(
+    problem: Problem,
+    chart: Chart,
+    scales: Float[Array, "levels"],
+    *,
+    levels: tuple[int, int] | None = None,
+    max_level_steps: int,
+) -> Descent:
+    """Down the levels before the last one, or from one of them to before another; without a derivative."""
+    first, stop = levels or (0, scales.shape[0] - 1)
+    stages = [Stage(k, COARSE_STEP, max_level_steps) for k in range(first, stop)]
     args = jax.lax.stop_gradient(_Args(problem, chart, scales))
     return _descend(args, tuple(stages), optx.ImplicitAdjoint(), frozenset())
 

@@ -9,8 +9,9 @@ from jaxtyping import Bool, Float, Int32, UInt32
 
 from .. import rigid
 from .._types import Array
-from ..ops.lookup import Block, entries, turn_columns, values_at
-from ..ops.nearest import NOTHING_NEAR, split_keys
+from ..ops.lookup import Block, entries, row_entries, turn_columns
+from ..ops.materialize import materialized
+from ..ops.nearest import nearest_rows
 from .losses import Loss
 from .terms import Columns, Level, PointTerm, Term, dot, moved_columns
 
@@ -112,16 +113,20 @@ def meet(
         rotation: That turns them.
     """
     places = [(points[i] - surface.origin[i]) / surface.voxel_size for i in range(3)]
-    cell, is_inside = surface.block.cells_at(places)
-    key = values_at(surface.keys, cell, is_inside, NOTHING_NEAR)
-    row = jnp.where(key == NOTHING_NEAR, 0, split_keys(key)[0])
-    normal = [entries(column, row) for column in surface.normals.T]
-    planarity = entries(surface.planarity, row)
+    is_valid = surface.voxel_size > 0
+    is_near, row = nearest_rows(surface.keys, lambda: surface.block.cells_at(places), is_valid)
+    normal, anchor, planarity = materialized(
+        lambda: (
+            row_entries(surface.normals, row),
+            row_entries(surface.points, row),
+            entries(surface.planarity, row),
+        ),
+        is_valid,
+    )
     cosine = dot(normal, turn_columns(rotation, normals.T))
     cosine = jnp.where(surface.is_signed, cosine, jnp.abs(cosine))
     has_normals = (planarity > MIN_PLANARITY) & jnp.any(normals != 0.0, axis=-1)
-    is_match = (key != NOTHING_NEAR) & ~(has_normals & (cosine < MIN_COSINE))
-    anchor = [entries(column, row) for column in surface.points.T]
+    is_match = is_near & ~(has_normals & (cosine < MIN_COSINE))
     trust = surface.trust
     if trust is not None:
         trust = jnp.where(is_match, entries(trust, row), jnp.ones_like(planarity))

@@ -1,6 +1,8 @@
 """The pose that minimises the residuals between two maps: differentiable, and safe under jit, vmap and grad."""
 
-from typing import NamedTuple
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -8,6 +10,7 @@ import jax.numpy as jnp
 import lineax as lx
 from jaxtyping import Bool, Float, Int32
 
+from .._programs import kept_program
 from .._types import Array
 from .equations import move_about, tangent_slopes
 from .levels import COARSE_STRIDE, MAX_LEVEL_STEPS, RANK_TOLERANCE, lead, settle
@@ -57,6 +60,7 @@ def _chart_about(start: Float[Array, "4 4"], problem: PoseProblem, scale: Float[
     return _Chart(start, problem.centroid, jnp.concatenate([one, one / problem.radius]) * scale)
 
 
+@kept_program
 @eqx.filter_jit
 def problem_cost(
     problem: PoseProblem, T_a_b: Float[Array, "4 4"], scales: Float[Array, "levels"]
@@ -71,6 +75,7 @@ def find_basin(
     T_a_b: Float[Array, "4 4"],
     scales: Float[Array, "levels"],
     *,
+    levels: tuple[int, int] | None = None,
     max_level_steps: int = MAX_LEVEL_STEPS,
 ) -> tuple[Float[Array, "4 4"], Int32[Array, ""]]:
     """The levels before the last one, on fewer points; without a derivative.
@@ -79,19 +84,64 @@ def find_basin(
         problem: As for `solve_pose`.
         T_a_b: Start.
         scales: Of all levels, the last of which is left out [m].
+        levels: The first level to take and the one to stop before; None for all but the last.
         max_level_steps: Evaluations on each level.
 
     Returns:
         A pose for `solve_pose` to begin the last level with, and the evaluations.
     """
     problem, start, scales = jax.lax.stop_gradient((problem, jnp.asarray(T_a_b), scales))
-    if scales.shape[0] == 1:
+    first, stop = levels or (0, scales.shape[0] - 1)
+    if first >= stop:
         return start, jnp.zeros((), jnp.int32)
-    thinned, chart = problem.thinned(COARSE_STRIDE), _chart_about(start, problem, scales[-2])
-    found, steps, _ = lead(thinned, chart, scales, max_level_steps=max_level_steps)
+    thinned, chart = problem.thinned(COARSE_STRIDE), _chart_about(start, problem, scales[stop - 1])
+    found, steps, _ = lead(thinned, chart, scales, levels=(first, stop), max_level_steps=max_level_steps)
     return found, steps
 
 
+@kept_program
+@eqx.filter_jit
+def find_basins(
+    problem: PoseProblem,
+    starts: Float[Array, "k 4 4"],
+    count: Int32[Array, ""],
+    scales: Float[Array, "levels"],
+    *,
+    levels: tuple[int, int] | None = None,
+    max_level_steps: int = MAX_LEVEL_STEPS,
+) -> tuple[Float[Array, "k 4 4"], Int32[Array, "k"]]:
+    """`find_basin` of the first `count` starts, one after the other in one kernel; the other rows mean nothing.
+
+    A call with all the arrays of a problem takes about as long as a level on few points does.
+    """
+    lead_one = partial(find_basin, problem, scales=scales, levels=levels, max_level_steps=max_level_steps)
+    return _of_rows(lead_one, starts, count)
+
+
+@kept_program
+@eqx.filter_jit
+def problem_costs(
+    problem: PoseProblem,
+    poses: Float[Array, "k 4 4"],
+    count: Int32[Array, ""],
+    scales: Float[Array, "levels"],
+) -> Float[Array, "k"]:
+    """`problem_cost` of the first `count` poses, as `find_basins`."""
+    return _of_rows(partial(problem_cost, problem, scales=scales), poses, count)
+
+
+def _of_rows(function: Callable[[Array], Any], rows: Array, count: Array) -> Any:
+    """A function of each of the first `count` rows."""
+    shapes = jax.eval_shape(function, rows[0])
+    nothing = jax.tree.map(lambda one: jnp.zeros((len(rows), *one.shape), one.dtype), shapes)
+
+    def step(row: Array, found: Any) -> Any:
+        return jax.tree.map(lambda all_rows, one: all_rows.at[row].set(one), found, function(rows[row]))
+
+    return jax.lax.fori_loop(0, count, step, nothing)
+
+
+@kept_program
 @eqx.filter_jit
 def solve_pose(
     problem: PoseProblem,

@@ -1,20 +1,25 @@
-"""Refinement from many starts: all are led to their basins on few points, and each basin is refined once."""
+"""Refinement from many starts: they are led to their basins on few points, and those that meet go on as one."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import jax
 import numpy as np
 from jaxtyping import Float
 
-from .._threads import spread
+from .._buckets import pad_rows
+from .._threads import num_cores, spread
 from .._types import Array
-from ..refinement.pose import RefinedPose, find_basin, problem_cost, solve_pose
+from ..refinement.pose import RefinedPose, find_basins, problem_costs, solve_pose
 from ..refinement.problem import PoseProblem
 
 SAME_SHIFT = 0.1
-"""Poses on the way that differ by less than this [last robust scale], at the centroid and at the map's radius, are
-one."""
+"""Poses that differ by less than this [robust scale of the next level], at the centroid and at the map's radius, go on
+as one."""
+
+GROUP = 64
+"""Starts of one call at most; how many of them there are is no part of its shape."""
 
 
 def solve_starts(
@@ -22,7 +27,7 @@ def solve_starts(
 ) -> RefinedPose:
     """`solve_pose` from each of many starts, at the price of few.
 
-    One call after the other on each core: under `jax.vmap` all starts wait for the slowest, and what they write
+    One start after the other on each core: under `jax.vmap` all starts wait for the slowest, and what they write
     exceeds a CPU's cache. Each start is compared with its own result; starts without a better pose stay.
 
     Args:
@@ -33,13 +38,17 @@ def solve_starts(
     Returns:
         Host arrays with a leading axis k. The steps are those on the way to a basin and in it.
     """
-    starts = np.asarray(starts)
-    led = _spread(lambda start: find_basin(problem, start, scales), list(starts))
-    poses, steps = np.stack([np.asarray(pose) for pose, _ in led]), np.asarray([int(n) for _, n in led])
-    basin, chosen = _basins(poses, np.asarray(problem.centroid), float(problem.radius), float(scales[-1]))
+    starts, num_levels = np.asarray(starts), len(scales)
+    poses, steps = starts, np.zeros(len(starts), np.int32)
+    for levels in ((0, 1), (1, num_levels - 1)):
+        if levels[0] < levels[1] < num_levels:
+            basin, chosen = _basins(poses, problem, float(scales[levels[0]]))
+            led = _grouped(partial(find_basins, scales=scales, levels=levels), problem, poses[chosen])
+            poses, steps = led[0][basin], steps + led[1][basin]
+    basin, chosen = _basins(poses, problem, float(scales[-1]))
     found = _spread(lambda row: solve_pose(problem, poses[row], scales, is_led=True), list(chosen))
     T, _, after, more, converged = (np.stack([np.asarray(one[k]) for one in found])[basin] for k in range(5))
-    before = np.stack(_spread(lambda start: np.asarray(problem_cost(problem, start, scales)), list(starts)))
+    before = _grouped(partial(problem_costs, scales=scales), problem, starts)[0]
     is_better = after < before
     return RefinedPose(
         np.where(is_better[:, None, None], T, starts),
@@ -48,6 +57,19 @@ def solve_starts(
         (steps + more).astype(np.int32),
         converged,
     )
+
+
+def _grouped(kernel: Callable[..., Any], problem: PoseProblem, poses: np.ndarray) -> list[np.ndarray]:
+    """What a kernel of a group of poses gives for any number of them: a part on each core, as host arrays."""
+    group = min(-(-len(poses) // num_cores()), GROUP)
+
+    def run(first: int) -> list[np.ndarray]:
+        some = poses[first : first + group]
+        found = kernel(problem, pad_rows(some, GROUP), np.int32(len(some)))
+        return [np.asarray(rows)[: len(some)] for rows in jax.tree.leaves(found)]
+
+    parts = _spread(run, list(range(0, len(poses), group)))
+    return [np.concatenate(rows) for rows in zip(*parts, strict=True)]
 
 
 def _spread(function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
@@ -62,9 +84,10 @@ def _spread(function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
 
 
 def _basins(
-    poses: Float[np.ndarray, "k 4 4"], centroid: np.ndarray, radius: float, scale: float
+    poses: Float[np.ndarray, "k 4 4"], problem: PoseProblem, scale: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """For each pose the number of its basin, and for each basin the row of its first pose."""
+    centroid, radius = np.asarray(problem.centroid), float(problem.radius)
     images = poses[:, :3, :3] @ centroid + poses[:, :3, 3]
     basin, chosen = np.full(len(poses), -1), []
     for row in range(len(poses)):

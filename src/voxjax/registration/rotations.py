@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32
 
 from .._buckets import pad_rows
+from .._programs import kept_program
 from .._threads import spread
 from .._types import Array
 
@@ -112,6 +113,7 @@ def pair_rotations(
     return np.reshape(np.asarray(rotations), (-1, 3, 3))
 
 
+@kept_program
 @partial(jax.jit, static_argnames="num_steps")
 def sharpen_rotations(
     normals_a: Float32[Array, "n 3"],
