@@ -14,9 +14,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from bench.peer_features import fpfh, mutual_matches
 from voxjax import InputError
 
 LARGEST_WORKING_VOXEL = 0.3
+MOST_TEASER_MATCHES = 5000
 _LIBRARIES = "on Debian and Ubuntu it also needs libusb-1.0-0, libgl1, libegl1, libgomp1 and libx11-6"
 
 
@@ -26,7 +28,7 @@ class Coarse(NamedTuple):
     Attributes:
         T_a_b: (4, 4).
         is_valid: The peer's own verdict; None where it has none.
-        score: The peer's own figure: inliers, or the share of them.
+        score: The peer's own figure: inliers, the share of them, or the size of the largest clique.
     """
 
     T_a_b: np.ndarray
@@ -69,11 +71,18 @@ class Peer:
     solve: Callable[[np.ndarray, np.ndarray, float], Coarse]
 
     def versions(self) -> dict[str, str]:
-        """Versions of the installed distributions that give its modules."""
+        """Versions of the distributions that give its modules; a module may have been built without one."""
         providers = importlib.metadata.packages_distributions()
         # A distribution of one compiled module is not always listed, and is named as its module.
         names = [name for module in self.modules for name in providers.get(module, [module])]
-        return {name: importlib.metadata.version(name) for name in names}
+        return {name: _version(name) for name in names}
+
+
+def _version(name: str) -> str:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return "built from source"
 
 
 def _kiss_matcher(points_a: np.ndarray, points_b: np.ndarray, working: float) -> Coarse:
@@ -90,14 +99,7 @@ def _open3d(points_a: np.ndarray, points_b: np.ndarray, working: float) -> Coars
     o3d: Any = importlib.import_module("open3d")
     registration = o3d.pipelines.registration
     o3d.utility.random.seed(0)
-    clouds, features = [], []
-    for points in (points_b, points_a):
-        cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points.astype(np.float64)))
-        cloud = cloud.voxel_down_sample(working)
-        cloud.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(radius=2 * working, max_nn=30))
-        around = o3d.geometry.KDTreeSearchParamHybrid(radius=5 * working, max_nn=100)
-        clouds.append(cloud)
-        features.append(registration.compute_fpfh_feature(cloud, around))
+    clouds, features = zip(*(fpfh(points, working) for points in (points_b, points_a)), strict=True)
     reach = 1.5 * working
     found = registration.registration_ransac_based_on_feature_matching(
         *clouds, *features, True, reach, registration.TransformationEstimationPointToPoint(False), 3,
@@ -110,6 +112,30 @@ def _open3d(points_a: np.ndarray, points_b: np.ndarray, working: float) -> Coars
     return Coarse(np.asarray(found.transformation), None, float(found.fitness))
 
 
+def _teaser(points_a: np.ndarray, points_b: np.ndarray, working: float) -> Coarse:
+    """FPFH as `_open3d`, mutual matches, TEASER++ as in its example with FPFH: its bound on noise is the voxel size.
+
+    Time and memory grow with the square of the matches, so that the nearest `MOST_TEASER_MATCHES` are taken. The score
+    is the number of matches in the largest clique. Runs may differ: threads decide between cliques of one size.
+    """
+    module: Any = importlib.import_module("teaserpp_python")
+    (cloud_b, features_b), (cloud_a, features_a) = (fpfh(points, working) for points in (points_b, points_a))
+    rows_b, rows_a = mutual_matches(features_b.data.T, features_a.data.T, most=MOST_TEASER_MATCHES).T
+    T, clique = np.eye(4), 0
+    if len(rows_b) >= 3:
+        solver = module.RobustRegistrationSolver(
+            noise_bound=working, cbar2=1.0, estimate_scaling=False, rotation_max_iterations=10_000,
+            rotation_estimation_algorithm=module.RotationEstimationAlgorithm.GNC_TLS, rotation_gnc_factor=1.4,
+            rotation_cost_threshold=1e-16, inlier_selection_mode=module.InlierSelectionMode.PMC_EXACT,
+        )  # fmt: skip
+        solver.solve(np.asarray(cloud_b.points)[rows_b].T, np.asarray(cloud_a.points)[rows_a].T)
+        clique = len(solver.getInlierMaxClique())
+        if clique >= 3:  # its pose is not set, or not determined, below that
+            found = solver.getSolution()
+            T[:3, :3], T[:3, 3] = found.rotation, found.translation
+    return Coarse(T, None, float(clique))
+
+
 PEERS = (
     Peer(
         "kiss-matcher", ("kiss_matcher", "small_gicp"),
@@ -118,6 +144,11 @@ PEERS = (
     Peer(
         "open3d", ("open3d", "small_gicp"),
         f"pip install open3d-cpu small-gicp; {_LIBRARIES}", _open3d,
+    ),
+    Peer(
+        "teaser", ("teaserpp_python", "open3d", "small_gicp"),
+        "pip install open3d-cpu small-gicp git+https://github.com/MIT-SPARK/TEASER-plusplus, which is built from "
+        f"source and needs CMake, a C++ compiler and Eigen (libeigen3-dev); {_LIBRARIES}", _teaser,
     ),
 )  # fmt: skip
 """Peers that can be asked for."""

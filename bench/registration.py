@@ -58,7 +58,7 @@ def _parse(argv: list[str]) -> argparse.Namespace:
     parser.add_argument("--only", default="sim,real", help='folders of the maps to take; "" takes none')
     parser.add_argument("--case", action="append", default=[], help="only cases whose name contains this")
     parser.add_argument("--presets", default="default", help="of voxjax, by comma; default: default")
-    parser.add_argument("--peers", default="", help="other systems, by comma: kiss-matcher, open3d")
+    parser.add_argument("--peers", default="", help="other systems, by comma: kiss-matcher, open3d, teaser")
     parser.add_argument("--generated", type=int, default=60, help="fresh generated pairs; default: 60")
     parser.add_argument("--seed", type=int, default=1000, help="of the generated pairs and re-framings")
     parser.add_argument(
