@@ -241,7 +241,7 @@ def test_a_second_start_and_other_scales_compile_nothing(pair):
     problem = pose_problem(*pair[:2], num_points=POINTS)
     scales = np.array([0.2, 0.1], np.float32)
     solve_pose(problem, jnp.asarray(pair[2], jnp.float32), scales)
-    count = solve_pose._cached._cache_size  # pyright: ignore
+    count = solve_pose.__wrapped__._cached._cache_size  # pyright: ignore
     before = count()
     solve_pose(problem, jnp.eye(4, dtype=jnp.float32), 0.5 * scales)
     assert count() == before

@@ -4,9 +4,8 @@ Work grows with the number of listed voxels, but for one pass over the volume th
 arrays are worked on in pieces of one size, side by side on all cores.
 """
 
-from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +18,7 @@ from .._programs import kept_program
 from .._tables import on_cpu
 from .._threads import spread
 from .._types import Array
+from .materialize import materialized
 from .packed_states import PackedStates, pack_on_host, pack_states
 from .window_bits import window_sums
 from .window_surface import central_sums, free_distances, principal_axes, steps_along, surface_normal
@@ -151,28 +151,28 @@ def _piece_length() -> int:
 def _moments_of_piece(
     packed: PackedStates, rows: Int32[Array, "n 3"], *, size: int, reach: int
 ) -> SurfaceMoments:
-    """The moments of one piece of the list."""
+    """The moments of one piece of the list, some rows at a time, so that what steps write stays in the cache."""
+    steps = max(len(rows) // _STEP, 1) if on_cpu() else 1
+    if steps == 1:
+        return _moments_of_rows(packed, rows, size=size, reach=reach)
+    done = jax.lax.map(
+        lambda some: _moments_of_rows(packed, some, size=size, reach=reach), rows.reshape(steps, -1, 3)
+    )
+    return jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), done)
+
+
+def _moments_of_rows(
+    packed: PackedStates, rows: Int32[Array, "n 3"], *, size: int, reach: int
+) -> SurfaceMoments:
+    """The moments of a few rows, step by step: in one, each result would compute those before it again."""
+    step = partial(materialized, is_valid=packed.depth > 0)
     margin = _margin(size, reach)
-    step = partial(_stepwise, max(len(rows) // _STEP, 1) if on_cpu() else 1)
-    group, shift = step(lambda voxels: packed.place(voxels, margin=margin), rows.T)
+    group, shift = step(lambda: packed.place(rows.T, margin=margin))
     below = np.uint32(margin - size // 2)
-    sums = step(lambda g, s: window_sums(packed, g, s + below, size=size), group, shift)
-    central = step(central_sums, sums)
-    axes = step(principal_axes, central.covariance)
-    normal, has_free, offset = step(surface_normal, central, axes)
-    moves = step(lambda n: steps_along(packed, n, reach), normal)
-    distance = step(lambda *places: free_distances(packed, margin, *places), group, shift, *moves)
+    sums = step(lambda: window_sums(packed, group, shift + below, size=size))
+    central = step(lambda: central_sums(sums))
+    axes = step(lambda: principal_axes(central.covariance))
+    normal, has_free, offset = step(lambda: surface_normal(central, axes))
+    words, up = step(lambda: steps_along(packed, normal, reach))
+    distance = step(lambda: free_distances(packed, margin, group, shift, words, up))
     return SurfaceMoments(normal.T, axes.curvature, central.count, has_free, offset, distance.T)
-
-
-def _stepwise(pieces: int, step: Callable, *columns: Any):
-    """Apply a step to columns, piece by piece, and write its results down before the next step reads them.
-
-    The loop is what makes XLA write them down on a CPU. Without it, each result of a later step computes those of
-    the earlier ones again (`optimization_barrier` is gone before loops are fused), which takes ten times as long.
-    """
-    if pieces == 1:
-        return jax.lax.optimization_barrier(step(*columns))
-    split = jax.tree.map(lambda a: jnp.moveaxis(a.reshape(*a.shape[:-1], pieces, -1), -2, 0), columns)
-    done = jax.lax.map(lambda piece: step(*piece), split)
-    return jax.tree.map(lambda a: jnp.moveaxis(a, 0, -2).reshape(*a.shape[1:-1], -1), done)
