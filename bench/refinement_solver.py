@@ -1,11 +1,10 @@
 """The solver by itself: warm times at 10,240 points, gradients, many starts, and what a new process compiles.
 
-`python -m bench.refinement_solver SEED X64 CACHE` is what the part runs in processes of their own: it prints the
+`python -m bench.refinement_solver SEED CACHE` is what the part runs in processes of their own: it prints the
 seconds of the first solve in a process, with its kernels compiled or found in the cache folder.
 """
 
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -22,6 +21,9 @@ import numpy as np
 from bench.refinement_cases import generated_cases, starts_of
 from bench.refinement_parts import START_DEGREES, START_METRES, Plan, Row
 from bench.timing import time_interleaved
+from voxjax import use_compilation_cache
+from voxjax._compilation_cache import PROGRAMS
+from voxjax._programs import keep_programs
 from voxjax.refinement.pose import RefinedPose, solve_pose
 from voxjax.refinement.problem import PoseProblem
 from voxjax.registration.many_starts import solve_starts
@@ -111,26 +113,25 @@ def _row(name: str, value: float) -> Row:
 
 def _in_process(seed: int, cache: str) -> float:
     """Seconds of the first solve in a process of its own."""
-    settings = {
-        "JAX_COMPILATION_CACHE_DIR": cache,
-        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
-        "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
-    }
     done = subprocess.run(
-        [sys.executable, "-m", "bench.refinement_solver", str(seed)],
-        env=os.environ | settings, cwd=Path(__file__).parents[1], capture_output=True, text=True, check=True,
+        [sys.executable, "-m", "bench.refinement_solver", str(seed), cache],
+        cwd=Path(__file__).parents[1], capture_output=True, text=True, check=True,
     )  # fmt: skip
     return json.loads(done.stdout)["seconds"]
 
 
-def _first_solve(seed: int) -> float:
+def _first_solve(seed: int, cache: str) -> float:
+    """Seconds until the solution, where programs and kernels are looked for in a folder from then on only."""
+    folder = use_compilation_cache(cache) / PROGRAMS
+    keep_programs(None)
     starts, problem, scales = make_problem(seed, 1)
     T = jnp.asarray(starts[0])
     jax.block_until_ready(jnp.sum(T, dtype=jnp.float32))  # the device is ready
     start = time.perf_counter()
+    keep_programs(folder)
     jax.block_until_ready(solve_pose(problem, T, scales))
     return time.perf_counter() - start
 
 
 if __name__ == "__main__":
-    print(json.dumps({"seconds": _first_solve(int(sys.argv[1]))}))
+    print(json.dumps({"seconds": _first_solve(int(sys.argv[1]), sys.argv[2])}))

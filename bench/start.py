@@ -5,9 +5,10 @@
 Generates two maps of one building (by default of 200,000 and 174,000 occupied voxels) and an empty cache of compiled
 kernels, and runs processes of their own: one that compiles, then `--rounds` that find all kernels in the cache. In a
 process, `register` runs three times; what the first run takes beyond the later ones is the time until its kernels are
-ready: to trace them, to lower them, to compile them or load them. `voxjax merge` is timed from the outside. `--tuned`
-also runs `merge` under the allocator setting of `bench/kernel_setting.py`, in turns with the default. Run it on an idle
-machine.
+ready: to trace them, to lower them, to compile them or load them. Later processes load them in the background from the
+time on at which they say where the cache is, before the maps are read. `voxjax merge` is timed from the outside.
+`--tuned` also runs `merge` under the allocator setting of `bench/kernel_setting.py`, in turns with the default. Run it
+on an idle machine.
 """
 
 import argparse
@@ -54,8 +55,8 @@ class Run(NamedTuple):
     output: str
 
 
-def measure(path_a: str, path_b: str) -> dict[str, float]:
-    """Register two maps in this process [s], and add up what JAX says of the first run's kernels."""
+def measure(path_a: str, path_b: str, cache: str) -> dict[str, float]:
+    """Register two maps in this process [s], and add up what JAX says of its kernels until the first run's end."""
     import jax
 
     found = dict.fromkeys((*_DURATIONS.values(), *_EVENTS.values()), 0.0)
@@ -70,6 +71,7 @@ def measure(path_a: str, path_b: str) -> dict[str, float]:
 
     jax.monitoring.register_event_duration_secs_listener(add)
     jax.monitoring.register_event_listener(count)
+    vx.use_compilation_cache(cache)  # as the command does, before it reads maps
     a, b = vx.read_map(path_a), vx.read_map(path_b)
     seconds, of_first = [], {}
     for _ in range(_CALLS):
@@ -103,7 +105,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--seed", type=int, default=50)
     parser.add_argument("--overlap", type=float, default=0.5)
     parser.add_argument("--tuned", action="store_true", help="also under the tuned allocator")
-    parser.add_argument("--in-process", nargs=2, metavar="MAP", help=argparse.SUPPRESS)
+    parser.add_argument("--in-process", nargs=3, metavar=("MAP", "MAP", "CACHE"), help=argparse.SUPPRESS)
     args = parser.parse_args(argv)
     if args.in_process:
         print(json.dumps(measure(*args.in_process)))
@@ -124,13 +126,8 @@ def _report_kernels(paths: list[str], cache: str, rounds: int) -> None:
     """Imports, and kernels in the first and in later processes."""
     imports = [float(run_process(["-c", _IMPORTS], {}).output) for _ in range(rounds)]
     print(f"\nimports of `voxjax merge`: {np.median(imports):.2f} s")
-    variables = {
-        "JAX_COMPILATION_CACHE_DIR": cache,
-        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
-        "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
-    }
-    command = ["-m", "bench", "start", "--in-process", *paths]
-    rows = [json.loads(run_process(command, variables).output) for _ in range(1 + rounds)]
+    command = ["-m", "bench", "start", "--in-process", *paths, cache]
+    rows = [json.loads(run_process(command, {}).output) for _ in range(1 + rounds)]
     later = {name: float(np.median([row[name] for row in rows[1:]])) for name in rows[0]}
     print("\n| process | " + " | ".join(rows[0]) + " |\n|" + "---|" * (1 + len(rows[0])))
     for name, row in (("first", rows[0]), ("second", later)):

@@ -58,14 +58,14 @@ def use_compilation_cache(folder: str | os.PathLike | None = None) -> Path:
 
     path = default_cache_folder() if folder is None else Path(folder)
     try:
-        path.mkdir(parents=True, exist_ok=True)
+        (path / PROGRAMS).mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path):
             pass
-        keep_programs(path / PROGRAMS)
     except OSError as error:
         raise InputError(
             f"compiled kernels cannot be kept in {path}: {error.strerror}; name another folder."
         ) from error
     jax.config.update("jax_compilation_cache_dir", str(path))
     keep_quickly_compiled_kernels()
+    keep_programs(path / PROGRAMS)  # last, as it loads kernels
     return path

@@ -10,6 +10,7 @@ JAX, on accelerators, and for arguments whose code this package does not know (a
 traced as ever.
 """
 
+import contextlib
 import functools
 import hashlib
 import importlib.metadata
@@ -19,6 +20,7 @@ import tempfile
 import threading
 import warnings
 from collections.abc import Callable, Hashable, Sequence
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any, NamedTuple, ParamSpec, TypeVar
 
@@ -28,22 +30,37 @@ from jax.core import Tracer
 
 P = ParamSpec("P")
 R = TypeVar("R")
+T = TypeVar("T")
 
 _TRACED_BY = ("voxjax", "jax", "jaxlib", "numpy", "equinox", "lineax", "optimistix")
 _KNOWN = ("builtins", "jax.", "jaxlib.", "numpy", "voxjax.")
 """Modules of types whose code belongs to the key of a program."""
 _NUMBERS_AND_NAMES = (bool, int, float, str)
 _DIGEST = hashlib.sha256().digest_size
+_NAME, _ENDING = 32, ".program"
+"""Of a file: length of each of the two digests in its name, and what comes after them."""
+
+_MOST_AHEAD = 24
+"""Programs that are loaded before they are asked for: those that were used last."""
 
 _folder: Path | None = None
+_loads: dict[Path, Future] = {}
+_lock = threading.Lock()
 
 
 def keep_programs(folder: Path | None) -> None:
-    """Keep the programs of this process in a folder, made if missing, and use those in it; None: keep none."""
+    """Keep the programs of this process in a folder, made if missing, and use those in it; None: keep none.
+
+    Those that were used last are loaded at once, in the background, with their kernels.
+    """
     global _folder
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
-    _folder = folder
+    with _lock:
+        _loads.clear()
+        _folder = folder
+    if folder is not None and any(folder.iterdir()):
+        threading.Thread(target=_load_ahead, args=(folder,), name="voxjax programs").start()
 
 
 class _Call(NamedTuple):
@@ -117,38 +134,83 @@ def kept_program(function: Callable[P, R]) -> Callable[P, R]:
     Leaves of the arguments that are no arrays are part of the program, so numbers that are not static must be arrays.
     """
     programs: dict[Hashable, Callable[..., Any] | None] = {}
-    lock = threading.Lock()
 
     @functools.wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
-        if _folder is None or jax.default_backend() != "cpu":
+        folder = _folder
+        if folder is None or jax.default_backend() != "cpu":
             return function(*args, **kwargs)
         taken = _Call.of(args, kwargs)
         key = taken.key()
         if key is None:
             return function(*args, **kwargs)
-        if key not in programs:
-            with lock:
-                if key not in programs:
-                    programs[key] = _program(function, taken, _folder)
-        program = programs[key]
+        if (folder, key) not in programs:
+            programs[folder, key] = _program_of(function, taken, folder)
+        program = programs[folder, key]
         return function(*args, **kwargs) if program is None else program(*taken.arrays)
 
     return call
 
 
-def _program(function: Callable[..., Any], call: _Call, folder: Path) -> Callable[..., Any] | None:
+def _program_of(function: Callable[..., Any], call: _Call, folder: Path) -> Callable[..., Any] | None:
     """The program of a call as a function of its arrays: from the folder, or traced and written there."""
     if not _is_known(call.structure) or " at 0x" in str(
         call.structure
     ):  # an object without a name of its own
         return None
-    name, path = function.__name__, folder / f"{_digest_of(function, call)}.program"
-    content = _read(path)
-    if content is None:
-        content = _traced(function, call)
-        _write(path, content)
-    program, example = pickle.loads(content)
+    path = folder / f"{_version_digest()}-{_digest_of(function, call)}{_ENDING}"
+
+    def load() -> Callable[..., Any]:
+        content = _read(path)
+        if content is None:
+            content = _traced(function, call)
+            _write(path, content)
+        else:
+            _mark_as_used(path)
+        return _runnable(content)[0]
+
+    return _once(path, load) or load()
+
+
+def _once(path: Path, load: Callable[[], T]) -> T:
+    """What `load` gives, run by whoever asks first for a path; others wait for it."""
+    with _lock:
+        future, is_first = _loads.get(path), path not in _loads
+        if future is None:
+            future = _loads[path] = Future()
+    if is_first:
+        try:
+            future.set_result(load())
+        except BaseException as error:
+            with _lock:
+                _loads.pop(path, None)  # whoever asks again tries again
+            future.set_exception(error)
+            raise
+    return future.result()
+
+
+def _load_ahead(folder: Path) -> None:
+    """Load programs of these versions and their kernels, in the order in which they were used."""
+    used = sorted(folder.glob(f"{_version_digest()}-*{_ENDING}"), key=lambda path: path.stat().st_mtime_ns)
+
+    def ready(path: Path) -> Callable[..., Any] | None:
+        content = _read(path)
+        if content is None:
+            return None
+        run, jitted, shapes = _runnable(content)
+        jitted.lower(*shapes).compile()
+        return run
+
+    for path in used[-_MOST_AHEAD:]:
+        # Nobody waits for what is left when the program ends, or keeps its programs elsewhere.
+        if _folder != folder or not threading.main_thread().is_alive():
+            return
+        _once(path, functools.partial(ready, path))
+
+
+def _runnable(content: bytes) -> tuple[Callable[..., Any], Any, Sequence[Any]]:
+    """A program as a function of arrays, the jitted part of it, and the shapes that this takes."""
+    name, program, example = pickle.loads(content)
     exported, structure = jax.export.deserialize(bytearray(program)), jax.tree.structure(example)
 
     def run(*arrays: Any) -> Any:
@@ -156,11 +218,12 @@ def _program(function: Callable[..., Any], call: _Call, folder: Path) -> Callabl
 
     run.__name__ = run.__qualname__ = name  # by which JAX tells what it compiles
     jitted = jax.jit(run)
-    return lambda *arrays: jax.tree.unflatten(structure, jitted(*arrays))
+    shapes = [jax.ShapeDtypeStruct(aval.shape, aval.dtype) for aval in exported.in_avals]
+    return (lambda *arrays: jax.tree.unflatten(structure, jitted(*arrays))), jitted, shapes
 
 
 def _traced(function: Callable[..., Any], call: _Call) -> bytes:
-    """The program, and a tree of the structure of its results."""
+    """The name of the function, its program, and a tree of the structure of its results."""
     structure = None
 
     def flat(*arrays: Any) -> list[Any]:
@@ -172,7 +235,8 @@ def _traced(function: Callable[..., Any], call: _Call) -> bytes:
     shapes = [jax.ShapeDtypeStruct(array.shape, array.dtype) for array in call.arrays]
     program = jax.export.export(jax.jit(flat))(*shapes).serialize()
     assert structure is not None  # exporting has traced it
-    return pickle.dumps((bytes(program), jax.tree.unflatten(structure, range(structure.num_leaves))))
+    example = jax.tree.unflatten(structure, range(structure.num_leaves))
+    return pickle.dumps((function.__name__, bytes(program), example))
 
 
 def _digest_of(function: Callable[..., Any], call: _Call) -> str:
@@ -185,24 +249,23 @@ def _digest_of(function: Callable[..., Any], call: _Call) -> str:
             for leaf, is_array in zip(call.leaves, call.is_array, strict=True)
         ),
         f"{_option('jax_enable_x64')} {_option('jax_default_matmul_precision')}",
-        _versions(),
     ]
-    return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:_NAME]
 
 
 @functools.cache
-def _versions() -> str:
+def _version_digest() -> str:
     """What traces programs: versions of packages, and sizes and times of this package's files, which are edited."""
     found = [f"{name} {importlib.metadata.version(name)}" for name in _TRACED_BY]
     root = Path(__file__).parent
     for path in sorted(root.rglob("*.py")):
         status = path.stat()
         found.append(f"{path.relative_to(root)} {status.st_size} {status.st_mtime_ns}")
-    return "\n".join(found)
+    return hashlib.sha256("\n".join(found).encode()).hexdigest()[:_NAME]
 
 
 def _is_known(structure: Any) -> bool:
-    """Whether all types of a structure have code that `_versions` tells apart."""
+    """Whether all types of a structure have code that `_version_digest` tells apart."""
     data = structure.node_data()
     if data is not None and not f"{data[0].__module__}.".startswith(_KNOWN):
         return False
@@ -220,6 +283,12 @@ def _read(path: Path) -> bytes | None:
         return None
     is_whole = hashlib.sha256(content[_DIGEST:]).digest() == content[:_DIGEST]
     return content[_DIGEST:] if is_whole else None
+
+
+def _mark_as_used(path: Path) -> None:
+    """Set the time of a file, by which the next process knows what to load first."""
+    with contextlib.suppress(OSError):  # a folder that cannot be written serves as well
+        os.utime(path)
 
 
 def _write(path: Path, content: bytes) -> None:

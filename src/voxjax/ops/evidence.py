@@ -14,7 +14,7 @@ from .._types import FREE, Array
 from .lookup import Block, entries, row_entries, turn_columns, values_at
 from .materialize import materialized
 from .nearest import split_keys
-from .pieces import runs_in_pieces, sum_over_pieces
+from .pieces import PIECES, runs_in_pieces, sum_over_pieces
 
 NOTHING = np.uint8(0)
 HIT = np.uint8(1)
@@ -70,8 +70,9 @@ class SurfaceField(NamedTuple):
         """Hits, conflicts, undecided, opposed, and xx, xy, xz, yy, yz, zz of the information; columns in."""
         is_valid = self.block.voxel_size > 0
         code, cell = materialized(lambda: self._met(T, points), is_valid)
-        row = materialized(lambda: split_keys(entries(self.keys, cell))[0], is_valid)
-        met = materialized(lambda: row_entries(self.normals, row), is_valid)
+        met = materialized(
+            lambda: row_entries(self.normals, split_keys(entries(self.keys, cell))[0]), is_valid
+        )
         kind, gain = materialized(lambda: self._judged(T, code, met, normals, weights), is_valid)
         parts = [jnp.where(kind == k, weights, 0.0) for k in (HIT, CONFLICT, NEUTRAL, _OPPOSED)]
         parts += [gain * met[i] * met[j] for i in range(3) for j in range(i, 3)]
@@ -111,6 +112,9 @@ class CodeField(NamedTuple):
 
 _STEP = 1024
 """Lookups of one step at least."""
+
+_SURFACE_PIECE = 4096
+"""Points of a piece of `surface_evidence` at most: what its steps write down stays in the cache of a core."""
 
 
 def _sums_of_piece(field: SurfaceField | CodeField, *piece: Array) -> Float32[Array, "p m"]:
@@ -156,8 +160,12 @@ def _sums(field: SurfaceField | CodeField, lists: tuple, poses: Array, batch_siz
     if not runs_in_pieces(field, lists, poses) or not (len(poses) and len(lists[0])):
         return _sums_at_once(field, lists, poses, batch_size)
     held = jax.device_put(field)
-    kernel = _code_piece if isinstance(field, CodeField) else _surface_piece
-    found = sum_over_pieces(partial(kernel, held), [np.asarray(a) for a in lists], np.asarray(poses))
+    kernel, most = (
+        (_code_piece, PIECES[-1]) if isinstance(field, CodeField) else (_surface_piece, _SURFACE_PIECE)
+    )
+    found = sum_over_pieces(
+        partial(kernel, held), [np.asarray(a) for a in lists], np.asarray(poses), most=most
+    )
     return found.astype(np.float32)
 
 

@@ -20,6 +20,9 @@ from .._types import Array
 PIECES = (128, 512, 1024, 4096, 16384)
 """Points of a piece: the smallest that holds the list, else the largest."""
 
+LEAST_LOOKUPS = 1 << 20
+"""Points times poses of a call at least, if one call is not enough."""
+
 POSES = 512
 """Poses of a piece at most; how many of them there are is no part of its shape."""
 
@@ -52,7 +55,11 @@ def over_poses(
 
 
 def sum_over_pieces(
-    kernel: Callable[..., Array], lists: Sequence[np.ndarray], poses: Float32[np.ndarray, "k 4 4"]
+    kernel: Callable[..., Array],
+    lists: Sequence[np.ndarray],
+    poses: Float32[np.ndarray, "k 4 4"],
+    *,
+    most: int = PIECES[-1],
 ) -> Float64[np.ndarray, "k m"]:
     """Sums over all points for each pose.
 
@@ -61,17 +68,20 @@ def sum_over_pieces(
             zeros in the lists must add nothing.
         lists: float32, one row a point each.
         poses: Of any number.
+        most: Points of a piece at most, one of `PIECES`.
 
     Returns:
         float64: sums of what the pieces give, in their order, whatever the number of cores.
     """
     length = len(lists[0])
-    size = next((piece for piece in PIECES if piece >= length), PIECES[-1])
+    size = next((piece for piece in PIECES if piece >= min(length, most)), most)
     starts = range(0, length, size)
+    # As many calls as keep all cores busy, but none that is done before another thread has begun.
+    num_calls = min(2 * num_cores(), -(-length * len(poses) // LEAST_LOOKUPS))
 
     def sums_of(start: int) -> np.ndarray:
         parts = [rows[start : start + size] for rows in lists]
         piece = [part if len(part) == size else pad_rows(part, size) for part in parts]
-        return over_poses(partial(kernel, *piece), poses, least_jobs=-(-2 * num_cores() // len(starts)))
+        return over_poses(partial(kernel, *piece), poses, least_jobs=-(-num_calls // len(starts)))
 
     return np.stack(spread(sums_of, starts)).sum(axis=0, dtype=np.float64)
