@@ -24,10 +24,10 @@ from bench.refinement_parts import START_DEGREES, START_METRES, Plan, Row
 from bench.timing import time_interleaved
 from voxjax.refinement.pose import RefinedPose, solve_pose
 from voxjax.refinement.problem import PoseProblem
+from voxjax.registration.coarse_to_fine import robust_scales
 from voxjax.registration.many_starts import solve_starts
 from voxjax.registration.prepared import prepare_map
 from voxjax.registration.problem import as_dtype, pose_problem
-from voxjax.registration.refine import robust_scales
 
 NUM_POINTS, NUM_STARTS = 10240, 64
 

@@ -12,9 +12,10 @@ from voxjax.refinement.planes import SLIDE_WEIGHT, Planes, Sample
 from voxjax.refinement.pose import solve_pose
 from voxjax.refinement.problem import PoseProblem
 from voxjax.refinement.terms import Level
+from voxjax.registration.map_parts import radius_of, sample_of, surface_of
 from voxjax.registration.map_views import hard_view
 from voxjax.registration.prepared import prepare_map
-from voxjax.registration.problem import pose_problem, radius_of, sample_of, surface_of
+from voxjax.registration.problem import pose_problem
 from voxjax.registration.refine import refine
 
 POINTS = 2048
