@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
@@ -10,6 +11,7 @@ from jaxtyping import Bool, Float
 from .._checks import check_positive
 from .._threads import spread
 from .._types import Array
+from ..refinement.equations import move_about
 from .prepared import PreparedMap, prepare_map
 
 START_DISTANCE, FINAL_DISTANCE = 4.0, 1.0
@@ -20,6 +22,9 @@ LEVELS_PER_OCTAVE = 2
 
 COARSE_POINTS = 2048
 """Voxels of coarsened maps to use."""
+
+SIDE_TURN = 20.0
+"""Turns about each axis from which far starts are led as well [degrees]."""
 
 
 class CoarseLevel(NamedTuple):
@@ -82,6 +87,16 @@ def coarse_levels(maps: Sequence[PreparedMap], first: float, voxel_size: float) 
         width = START_DISTANCE * factor * voxel_size
         levels.append(CoarseLevel(coarser, robust_scales(min(width, first), width / 2)))
     return levels
+
+
+def turned(T_a_b: Float[Array, "4 4"], centroid: Float[Array, "3"]) -> Float[Array, "turns 4 4"]:
+    """A pose, and the same turned about the image of the centroid, either way about each axis.
+
+    Far turns end in other valleys more often than far shifts: far starts are led with turned ones.
+    """
+    turns = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)]) * np.radians(SIDE_TURN)
+    tangents = np.concatenate([np.zeros_like(turns), turns], axis=1).astype(T_a_b.dtype)
+    return jax.vmap(move_about, in_axes=(None, None, 0))(T_a_b, jnp.asarray(centroid), jnp.asarray(tangents))
 
 
 def better(

@@ -34,12 +34,14 @@ def solve_starts(
         Host arrays with a leading axis k. The steps are those on the way to a basin and in it.
     """
     starts = np.asarray(starts)
-    led = _spread(lambda start: find_basin(problem, start, scales), list(starts))
+    led = spread_solves(lambda start: find_basin(problem, start, scales), list(starts))
     poses, steps = np.stack([np.asarray(pose) for pose, _ in led]), np.asarray([int(n) for _, n in led])
     basin, chosen = _basins(poses, np.asarray(problem.centroid), float(problem.radius), float(scales[-1]))
-    found = _spread(lambda row: solve_pose(problem, poses[row], scales, is_led=True), list(chosen))
+    found = spread_solves(lambda row: solve_pose(problem, poses[row], scales, is_led=True), list(chosen))
     T, _, after, more, converged = (np.stack([np.asarray(one[k]) for one in found])[basin] for k in range(5))
-    before = np.stack(_spread(lambda start: np.asarray(problem_cost(problem, start, scales)), list(starts)))
+    before = np.stack(
+        spread_solves(lambda start: np.asarray(problem_cost(problem, start, scales)), list(starts))
+    )
     is_better = after < before
     return RefinedPose(
         np.where(is_better[:, None, None], T, starts),
@@ -50,8 +52,8 @@ def solve_starts(
     )
 
 
-def _spread(function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
-    """`spread`, with the precision that the caller has set: JAX keeps it for each thread."""
+def spread_solves(function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
+    """`spread` of solves, with the precision that the caller has set: JAX keeps it for each thread."""
     is_double = bool(jax.config.read("jax_enable_x64"))
 
     def run(item: Any) -> Any:

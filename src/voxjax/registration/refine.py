@@ -16,7 +16,6 @@ from .._threads import spread
 from .._types import Array
 from ..grid import VoxelGrid
 from ..refinement.covariance import PATCH_VOXELS, PRIOR, pose_covariance
-from ..refinement.equations import move_about
 from ..refinement.losses import Loss
 from ..refinement.pose import problem_cost, solve_pose
 from ..refinement.problem import PoseProblem
@@ -28,14 +27,12 @@ from .coarse_to_fine import (
     checked_distances,
     coarse_levels,
     scales_in_reach,
+    turned,
 )
 from .many_starts import solve_starts
 from .map_views import views_of
 from .prepared import PreparedMap
 from .problem import checked_residuals, pose_problem
-
-SIDE_TURN = 20.0
-"""Turns about each axis from which far starts are led as well [degrees]."""
 
 
 class Refinement(eqx.Module):
@@ -156,8 +153,7 @@ def _lead(
 ) -> Array:
     """Lead a start or several along coarser maps, to within the reach of the maps themselves.
 
-    A single start goes with turned ones, because far turns end in other valleys more often than far shifts; the pose
-    of least cost on the finest of the coarser maps is taken.
+    A single start goes with turned ones; the pose of least cost on the finest of the coarser maps is taken.
 
     Args:
         start: One, or several.
@@ -170,20 +166,13 @@ def _lead(
     if not coarse:
         return led
     is_single = led.ndim == 2
-    poses = np.asarray(_turned(led, centroid) if is_single else led)
+    poses = np.asarray(turned(led, centroid) if is_single else led)
     costs: Array = np.zeros(len(poses), poses.dtype)
     for maps, scales in coarse:
         problem = pose_problem(*maps, num_points=COARSE_POINTS, loss=loss, both_ways=both_ways)
         found = solve_starts(problem, poses, scales.astype(poses.dtype))
         poses, costs = np.asarray(found.T_a_b), found.cost_after
     return jnp.asarray(poses[np.argmin(costs)] if is_single else poses)
-
-
-def _turned(T_a_b: Array, centroid: Array) -> Float[Array, "turns 4 4"]:
-    """A pose, and the same turned about the image of the centroid, either way about each axis."""
-    turns = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)]) * np.radians(SIDE_TURN)
-    tangents = np.concatenate([np.zeros_like(turns), turns], axis=1).astype(T_a_b.dtype)
-    return jax.vmap(move_about, in_axes=(None, None, 0))(T_a_b, jnp.asarray(centroid), jnp.asarray(tangents))
 
 
 def _outcome(converged: Bool[Array, ""], is_degenerate: Bool[Array, ""]) -> RESULTS:

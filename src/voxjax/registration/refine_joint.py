@@ -1,6 +1,7 @@
 """Refinement of the poses of N maps together, on the surfaces that pairs of them share."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -25,6 +26,7 @@ from .coarse_to_fine import (
     checked_distances,
     coarse_levels,
     scales_in_reach,
+    turned,
 )
 from .joint_maps import joint_maps, joint_problem
 from .joint_pairs import (
@@ -37,6 +39,7 @@ from .joint_pairs import (
     overlapping_pairs,
     with_named,
 )
+from .many_starts import spread_solves
 from .map_views import views_of
 from .prepared import PreparedMap
 from .problem import checked_residuals
@@ -169,7 +172,8 @@ def refine_joint(
     shift = np.zeros((1, 4, 4), dtype)
     shift[0, :3, 3] = start[anchor, :3, 3]
     near = jnp.asarray(start.astype(dtype) - shift)
-    found = solve_joint(problem, _lead(near, tuple(filled), coarse, chosen, is_held, loss), scales)
+    led = _lead(near, made.centroids, tuple(filled), coarse, chosen, is_held, loss)
+    found = solve_joint(problem, led, scales)
     if coarse:
         before = problem_cost(problem, near, scales)
         T, after = better(near, before, found.poses, found.cost_after)
@@ -208,6 +212,7 @@ def _checked_start(number: int, T_world_map: object) -> np.ndarray:
 
 def _lead(
     start: Float[Array, "maps 4 4"],
+    centroids: Float[Array, "maps 3"],
     numbers: Sequence[int],
     coarse: Sequence[CoarseLevel],
     pairs: Sequence[Pair],
@@ -216,21 +221,31 @@ def _lead(
 ) -> Float[Array, "maps 4 4"]:
     """Lead all poses together along coarser maps, to within the reach of the maps themselves.
 
+    The starts go with turned ones, all maps alike that are not held, each about its own centroid; the poses of least
+    cost on the finest of the coarser maps are taken.
+
     Args:
         start: `T_world_map` of all maps.
+        centroids: Of the maps [m].
         numbers: Of the maps that the coarser ones are of.
         coarse: Coarser maps; without a level the starts stay.
         pairs: Which are held against each other.
         is_held: Which keep their pose.
         loss: What a large offset costs.
     """
-    poses = start
+    if not coarse:
+        return start
+    every_way = jnp.swapaxes(jax.vmap(turned)(start, centroids), 0, 1)
+    ways = list(jnp.where(is_held[None, :, None, None], start[None], every_way))
+    costs = [np.inf] * len(ways)
     for maps, scales in coarse:
         by_number = dict(zip(numbers, maps, strict=True))
         every = [by_number.get(number) for number in range(len(start))]
         problem = joint_problem(every, pairs, is_held, num_points=COARSE_POINTS, loss=loss)
-        poses = solve_joint(problem, poses, scales.astype(start.dtype)).poses
-    return poses
+        solve = partial(solve_joint, problem, scales=scales.astype(start.dtype))
+        found = spread_solves(solve, ways)
+        ways, costs = [each.poses for each in found], [float(each.cost_after) for each in found]
+    return ways[int(np.argmin(costs))]
 
 
 def _nothing_to_refine(
