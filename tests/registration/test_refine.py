@@ -79,6 +79,12 @@ def test_covariance_is_symmetric_positive_and_smaller_than_a_voxel_here(pair):
     assert np.sqrt(np.diag(covariance)[:3]).max() < VOXEL
 
 
+def test_covariance_does_not_depend_on_the_weight_of_the_planes(pair):
+    a, b, T, _ = pair
+    light, heavy = (refine(a, b, T, num_points=POINTS, residuals={"planes": weight}) for weight in (1.0, 4.0))
+    np.testing.assert_allclose(light.covariance, heavy.covariance, rtol=0.02, atol=1e-8)
+
+
 def test_one_plane_is_degenerate_along_itself():
     states = np.ones((30, 30, 12), np.uint8)
     states[:, :, 0] = 0
