@@ -186,17 +186,18 @@ def test_derivatives_are_finite_where_nothing_is_known(prepared, small):
 
 
 def test_a_gradient_reaches_the_log_odds_through_the_public_verb(room, start):
-    def refined(odds, T):
+    def probe(odds, T):
         grids = [
             vx.VoxelGrid(grid.states, grid.origin, grid.voxel_size, each)
             for grid, each in zip(room[:2], odds, strict=True)
         ]
-        return vx.refine(grids[0], grids[1], T, soft=True, num_points=POINTS).T_a_b
+        refined = vx.refine(grids[0], grids[1], T, soft=True, num_points=POINTS).T_a_b
+        return refined[0, 3], refined
 
-    odds = [jnp.asarray(log_odds_of_states(jnp.asarray(grid.states))) for grid in room[:2]]
+    odds, T = [jnp.asarray(log_odds_of_states(jnp.asarray(grid.states))) for grid in room[:2]], start
     # From the solution too, which may be kept, and has the derivative of the solution.
-    for T in (start, refined(odds, start)):
-        slopes = jax.grad(lambda odds, T=T: refined(odds, T)[0, 3])(odds)
+    for _ in range(2):
+        slopes, T = jax.grad(probe, has_aux=True)(odds, T)
         for grid, slope in zip(room[:2], slopes, strict=True):
             assert np.isfinite(slope).all()
             assert np.abs(slope).max() > 0

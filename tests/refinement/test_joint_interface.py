@@ -151,7 +151,8 @@ def test_far_starts_are_led_together_along_coarser_maps(maps, truth):
 
     def errors(max_distance):
         # Two levels, as on coarser maps, and as many points: one kernel for all.
-        found = refine_joint(maps, starts, pairs=LOOP, final_distance=2 * VOXEL, max_distance=max_distance)
+        found = refine_joint(maps, starts, final_distance=2 * VOXEL, max_distance=max_distance)
+        assert found.pairs == ((0, 1), (0, 2), (1, 2))
         assert found.cost_after <= found.cost_before
         return np.array([pose_error(found.poses[n], truth[n], maps[n].centroid) for n in (1, 2)])
 

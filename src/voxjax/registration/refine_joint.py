@@ -59,7 +59,7 @@ class JointRefinement(eqx.Module):
         pairs: The pairs that were held against each other.
         held: Maps that kept their pose: the anchor, and the first map of each set that no pair connects with it.
         unpaired: Maps without a pair, all in `held`.
-        num_steps: Steps of the solver, all levels together.
+        num_steps: Steps of the solver, all levels together, without those on coarser maps.
         cost_before: Mean over the pairs of the robust cost of the start, in [0, 1] for bounded losses.
         cost_after: The same after refinement.
     """
