@@ -77,7 +77,7 @@ class JointRefinement(eqx.Module):
 
 def refine_joint(
     grids: Sequence[VoxelGrid | PreparedMap],
-    poses: Sequence[object],
+    poses: Sequence[object] | Array,
     *,
     pairs: Sequence[tuple[int, int]] | None = None,
     anchor: int = 0,
@@ -102,7 +102,7 @@ def refine_joint(
 
     Args:
         grids: The maps, at least two.
-        poses: Starts: one `T_world_map` (4, 4) a map.
+        poses: Starts: one `T_world_map` (4, 4) a map, in a list or an array.
         pairs: Numbers (a, b) of the maps to hold against each other; None takes all that overlap under the starts: a
             tenth of the voxels of one, by leverage, are within 5 voxels of an occupied voxel of the other, both at the
             voxel size that the starts are first refined at. Pairs with a map that has no occupied voxel are left out.
