@@ -26,10 +26,10 @@ from voxjax._compilation_cache import PROGRAMS
 from voxjax._programs import keep_programs
 from voxjax.refinement.pose import RefinedPose, solve_pose
 from voxjax.refinement.problem import PoseProblem
+from voxjax.registration.coarse_to_fine import robust_scales
 from voxjax.registration.many_starts import solve_starts
 from voxjax.registration.prepared import prepare_map
 from voxjax.registration.problem import as_dtype, pose_problem
-from voxjax.registration.refine import robust_scales
 
 NUM_POINTS, NUM_STARTS = 10240, 64
 

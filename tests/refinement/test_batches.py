@@ -12,9 +12,10 @@ from oracles.rooms import VOXEL
 from voxjax.refinement.pose import solve_pose
 from voxjax.refinement.problem import PoseProblem
 from voxjax.refinement.terms import Term
+from voxjax.registration.coarse_to_fine import coarse_factors
 from voxjax.registration.many_starts import solve_starts
 from voxjax.registration.problem import as_dtype, pose_problem
-from voxjax.registration.refine import coarse_factors, refine
+from voxjax.registration.refine import refine
 
 POINTS = 512
 

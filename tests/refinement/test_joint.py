@@ -17,7 +17,8 @@ from voxjax.refinement.losses import Loss
 from voxjax.refinement.pairs import CornerPairs
 from voxjax.refinement.problem import PoseProblem
 from voxjax.refinement.terms import Level
-from voxjax.registration.joint_maps import connected_parts, joint_problem, overlapping_pairs
+from voxjax.registration.joint_maps import joint_problem
+from voxjax.registration.joint_pairs import connected_parts, overlapping_pairs
 from voxjax.registration.prepared import prepare_map
 from voxjax.registration.refine_joint import refine_joint
 

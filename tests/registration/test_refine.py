@@ -12,9 +12,10 @@ from voxjax.refinement.planes import SLIDE_WEIGHT, Planes, Sample
 from voxjax.refinement.pose import solve_pose
 from voxjax.refinement.problem import PoseProblem
 from voxjax.refinement.terms import Level
+from voxjax.registration.map_parts import radius_of, sample_of, surface_of
 from voxjax.registration.map_views import hard_view
 from voxjax.registration.prepared import prepare_map
-from voxjax.registration.problem import pose_problem, radius_of, sample_of, surface_of
+from voxjax.registration.problem import pose_problem
 from voxjax.registration.refine import refine
 
 POINTS = 2048
@@ -76,6 +77,12 @@ def test_covariance_is_symmetric_positive_and_smaller_than_a_voxel_here(pair):
     np.testing.assert_allclose(covariance, covariance.T, rtol=1e-3, atol=1e-9)
     assert np.linalg.eigvalsh(covariance).min() > 0
     assert np.sqrt(np.diag(covariance)[:3]).max() < VOXEL
+
+
+def test_covariance_does_not_depend_on_the_weight_of_the_planes(pair):
+    a, b, T, _ = pair
+    light, heavy = (refine(a, b, T, num_points=POINTS, residuals={"planes": weight}) for weight in (1.0, 4.0))
+    np.testing.assert_allclose(light.covariance, heavy.covariance, rtol=0.02, atol=1e-8)
 
 
 def test_one_plane_is_degenerate_along_itself():

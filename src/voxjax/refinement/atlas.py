@@ -1,4 +1,4 @@
-"""The surfaces of many maps in common tables: what differs from map to map is then a few numbers.
+"""The surfaces and fields of many maps in common tables: what differs from map to map is then a few numbers.
 
 Kernels that work on many pairs of maps at once read the same tables for all of them; stacked, each pair would have a
 copy of its own.
@@ -6,11 +6,12 @@ copy of its own.
 
 from .._types import Array
 from ..ops.lookup import Block
+from .fields import Field
 from .planes import Surface
 
 
 class AtlasBlock(Block):
-    """Where the cells of one map lie in the common field.
+    """Where the cells of one map lie in the common table.
 
     Attributes:
         dims: Size of the map's block [voxel], then the number of its first cell.
@@ -25,7 +26,7 @@ class AtlasBlock(Block):
 
 
 class AtlasSurface(Surface):
-    """A `Surface` whose keys, points, normals and planarities are those of all maps, one after the other.
+    """A `Surface` whose keys, points, normals, planarities and trust are those of all maps, one after the other.
 
     Attributes:
         dims: Size of the map's block [voxel], then the number of its first cell.
@@ -36,4 +37,19 @@ class AtlasSurface(Surface):
     @property
     def block(self) -> AtlasBlock:
         """Where the map's keys lie."""
+        return AtlasBlock(self.dims, self.origin, self.voxel_size)
+
+
+class AtlasField(Field):
+    """A `Field` whose rows and values are those of all maps, one after the other; `outside` is the map's own.
+
+    Attributes:
+        dims: Size of the map's block [voxel], then the number of its first cell.
+    """
+
+    __slots__ = ()
+
+    @property
+    def block(self) -> AtlasBlock:
+        """Where the map's rows lie."""
         return AtlasBlock(self.dims, self.origin, self.voxel_size)

@@ -25,7 +25,8 @@ class Field(NamedTuple):
         dims: Size of the block [voxel].
         origin: Its outer corner [m].
         voxel_size: [m].
-        values: Row 0 holds what is outside of the block.
+        values: Of the voxels near surfaces, and of what is elsewhere.
+        outside: Row of `values` that holds what is outside of the block.
     """
 
     rows: Int32[Array, "flat"]
@@ -33,6 +34,12 @@ class Field(NamedTuple):
     origin: Float[Array, "3"]
     voxel_size: Float[Array, ""]
     values: Float[Array, "m"]
+    outside: Int32[Array, ""]
+
+    @property
+    def block(self) -> Block:
+        """Where the rows lie."""
+        return Block(self.dims, self.origin, self.voxel_size)
 
 
 class Cells(NamedTuple):
@@ -61,11 +68,11 @@ class Cells(NamedTuple):
 
 def cells_around(field: Field, points: Columns) -> Cells:
     """Look up the cells of points [m]; differentiable in the values, constant in the points."""
-    block = Block(field.dims, field.origin, field.voxel_size)
+    block, outside = field.block, jnp.asarray(field.outside)
     place = [jnp.floor((points[i] - field.origin[i]) / field.voxel_size - 0.5) for i in range(3)]
     values = []
     for corner in CORNERS:
         cell, is_inside = block.cells_at([place[i] + (corner[i] + 0.5) for i in range(3)])
-        values.append(entries(field.values, jnp.where(is_inside, entries(field.rows, cell), 0)))
+        values.append(entries(field.values, jnp.where(is_inside, entries(field.rows, cell), outside)))
     low = [(place[i] + 0.5) * field.voxel_size + field.origin[i] for i in range(3)]
     return Cells(low, field.voxel_size, values)

@@ -11,8 +11,7 @@ from jaxtyping import Bool, Float, Int32
 from .._types import Array
 from .equations import move_about, tangent_slopes
 from .joint_problem import JointProblem
-from .levels import COARSE_STRIDE, MAX_LEVEL_STEPS, RANK_TOLERANCE, lead, settle
-from .terms import Level
+from .levels import COARSE_STRIDE, MAX_LEVEL_STEPS, RANK_TOLERANCE, lead, no_worse, settle
 
 DIRECT_MAPS = 8
 """Up to so many maps the matrix of the implicit function theorem is made whole and decomposed, which takes a pass over
@@ -73,8 +72,8 @@ def solve_joint(
     """Minimise the residuals of all pairs from a start, as `solve_pose` does for one: coarse to fine, then held.
 
     The derivative is that of the solution by the implicit function theorem (forward and reverse mode): with respect to
-    everything floating in the problem and to the last scale; that with respect to the start is 0. Directions that
-    nothing fixes have a derivative of 0.
+    everything floating in the problem and to the last scale; that with respect to the start is 0, as of one pose (see
+    `solve_pose`). Directions that nothing fixes have a derivative of 0.
 
     Args:
         problem: With at least one pair; its dtype, float32 or float64, is that of the result.
@@ -101,14 +100,4 @@ def solve_joint(
         linear_solver=lx.SVD(rcond=tolerance) if is_small else lx.CG(rtol=tolerance, atol=least),
         tags=frozenset({lx.symmetric_tag if is_small else lx.positive_semidefinite_tag}),
     )
-
-    level = Level(scales[-1], jnp.asarray(scales.shape[0] - 1, jnp.int32))
-    before, after = problem.cost(start, level), problem.cost(refined, level)
-    is_better = after < before
-    return RefinedPoses(
-        jnp.where(is_better, refined, start),
-        before,
-        jnp.where(is_better, after, before),
-        steps + more,
-        is_converged,
-    )
+    return RefinedPoses(*no_worse(problem, start, refined, scales), steps + more, is_converged)

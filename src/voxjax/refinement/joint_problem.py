@@ -59,7 +59,7 @@ def edges_of(pairs: Sequence[tuple[int, int, PoseProblem]]) -> tuple[Edges, ...]
     groups: dict[Any, list[tuple[int, int, PoseProblem]]] = {}
     for pair in pairs:
         struct = jax.tree.structure(pair[2])
-        shapes = tuple((leaf.shape, jnp.asarray(leaf).dtype) for leaf in jax.tree.leaves(pair[2]))
+        shapes = tuple((jnp.shape(leaf), jnp.asarray(leaf).dtype) for leaf in jax.tree.leaves(pair[2]))
         groups.setdefault((struct, shapes), []).append(pair)
     return tuple(_stacked(group) for group in groups.values())
 

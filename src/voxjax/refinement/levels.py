@@ -38,6 +38,9 @@ RTOL = {np.dtype(np.float32): 1e-6, np.dtype(np.float64): 1e-15}
 RANK_TOLERANCE = {np.dtype(np.float32): 1e-5, np.dtype(np.float64): 1e-10}
 """Directions whose curvature is below this share of the largest are not fixed, and have no derivative."""
 
+SAME_POSE = 0.02
+"""Poses whose entries differ by less than this [last robust scale in metres] are one."""
+
 
 @runtime_checkable
 class Problem(Protocol):
@@ -45,6 +48,10 @@ class Problem(Protocol):
 
     def rows(self, poses: Array, level: Level, /) -> PyTree:
         """Residuals."""
+        ...
+
+    def cost(self, poses: Array, level: Level, /) -> Array:
+        """Sum of the squares of all residuals."""
         ...
 
     def met(self, poses: Array, /) -> tuple[PyTree, ...]:
@@ -151,6 +158,21 @@ def settle(
     )
     args = _Args(problem, jax.lax.stop_gradient(chart), scales)
     return _descend(args, stages, _HeldAdjoint(linear_solver), tags)
+
+
+def no_worse(
+    problem: Problem, start: Float[Array, "*maps 4 4"], found: Float[Array, "*maps 4 4"], scales: Array
+) -> tuple[Float[Array, "*maps 4 4"], Float[Array, ""], Float[Array, ""]]:
+    """What was found, or the start where that costs as little at the last level; the costs of the start and of these.
+
+    A start that is the solution but for rounding stays, with the derivative of the solution.
+    """
+    level = Level(scales[-1], jnp.asarray(scales.shape[0] - 1, jnp.int32))
+    before, after = problem.cost(start, level), problem.cost(found, level)
+    is_better = after < before
+    is_same = jnp.max(jnp.abs(found - start)) < SAME_POSE * scales[-1]
+    kept = start + jnp.where(is_same, found - jax.lax.stop_gradient(found), jnp.zeros_like(found))
+    return jnp.where(is_better, found, kept), before, jnp.where(is_better, after, before)
 
 
 def _descend(

@@ -13,12 +13,9 @@ from jaxtyping import Bool, Float, Int32
 from .._programs import kept_program
 from .._types import Array
 from .equations import move_about, tangent_slopes
-from .levels import COARSE_STRIDE, MAX_LEVEL_STEPS, RANK_TOLERANCE, lead, settle
+from .levels import COARSE_STRIDE, MAX_LEVEL_STEPS, RANK_TOLERANCE, Problem, lead, no_worse, settle
 from .problem import PoseProblem
 from .terms import Level
-
-SAME_POSE = 0.02
-"""Poses whose entries differ by less than this [last robust scale in metres] are one."""
 
 
 class RefinedPose(NamedTuple):
@@ -63,10 +60,10 @@ def _chart_about(start: Float[Array, "4 4"], problem: PoseProblem, scale: Float[
 @kept_program
 @eqx.filter_jit
 def problem_cost(
-    problem: PoseProblem, T_a_b: Float[Array, "4 4"], scales: Float[Array, "levels"]
+    problem: Problem, poses: Float[Array, "*maps 4 4"], scales: Float[Array, "levels"]
 ) -> Float[Array, ""]:
-    """Cost of a pose at the last level."""
-    return problem.cost(jnp.asarray(T_a_b), Level(scales[-1], jnp.asarray(scales.shape[0] - 1, jnp.int32)))
+    """Cost of a pose, or of many of a joint problem, at the last level."""
+    return problem.cost(jnp.asarray(poses), Level(scales[-1], jnp.asarray(scales.shape[0] - 1, jnp.int32)))
 
 
 @eqx.filter_jit
@@ -188,17 +185,4 @@ def solve_pose(
         linear_solver=lx.SVD(rcond=RANK_TOLERANCE[start.dtype]),
         tags=frozenset({lx.symmetric_tag}),
     )
-
-    level = Level(scales[-1], jnp.asarray(scales.shape[0] - 1, jnp.int32))
-    before, after = problem.cost(start, level), problem.cost(T, level)
-    is_better = after < before
-    # A start that is the solution but for rounding stays, with the derivative of the solution.
-    is_same = jnp.max(jnp.abs(T - start)) < SAME_POSE * scales[-1]
-    kept = start + jnp.where(is_same, T - jax.lax.stop_gradient(T), jnp.zeros_like(T))
-    return RefinedPose(
-        jnp.where(is_better, T, kept),
-        before,
-        jnp.where(is_better, after, before),
-        steps + more,
-        is_converged,
-    )
+    return RefinedPose(*no_worse(problem, start, T, scales), steps + more, is_converged)

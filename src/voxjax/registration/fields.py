@@ -24,6 +24,8 @@ LEAST_VALUES = 1 << 16
 def distance_field_of(prepared: PreparedMap, surface: Surface) -> Field:
     """Truncated distances from the planes of a map, signed where its normals say which side is free.
 
+    Row 0 of the values is the end of the reach, that of all voxels that are farther, and of what is outside.
+
     Args:
         prepared: The map.
         surface: Its planes, which may be traced: the field is differentiable in them.
@@ -51,6 +53,8 @@ def distance_field_of(prepared: PreparedMap, surface: Surface) -> Field:
 
 def opinion_field_of(prepared: PreparedMap, said: Float[Array, "x y z"] | None = None) -> Field:
     """What a map says of each voxel, 1 occupied, -1 free, 0 unknown, which is also what it says of all beyond it.
+
+    Row 0 of the values is the unknown, row 1 all free space that is far from surfaces.
 
     Args:
         prepared: The map.
@@ -87,4 +91,4 @@ def _field(prepared: PreparedMap, cells: np.ndarray, first: int, values: Array) 
     rows[cells] = np.arange(first, first + len(cells), dtype=np.int32)
     dims, origin, voxel_size = prepared.block
     origin, voxel_size = (np.asarray(value, values.dtype) for value in (origin, voxel_size))
-    return Field(rows, dims, origin, voxel_size, values)
+    return Field(rows, dims, origin, voxel_size, values, np.asarray(0, np.int32))

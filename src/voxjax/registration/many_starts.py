@@ -46,7 +46,7 @@ def solve_starts(
             led = _grouped(partial(find_basins, scales=scales, levels=levels), problem, poses[chosen])
             poses, steps = led[0][basin], steps + led[1][basin]
     basin, chosen = _basins(poses, problem, float(scales[-1]))
-    found = _spread(lambda row: solve_pose(problem, poses[row], scales, is_led=True), list(chosen))
+    found = spread_solves(lambda row: solve_pose(problem, poses[row], scales, is_led=True), list(chosen))
     T, _, after, more, converged = (np.stack([np.asarray(one[k]) for one in found])[basin] for k in range(5))
     before = _grouped(partial(problem_costs, scales=scales), problem, starts)[0]
     is_better = after < before
@@ -68,12 +68,12 @@ def _grouped(kernel: Callable[..., Any], problem: PoseProblem, poses: np.ndarray
         found = kernel(problem, pad_rows(some, GROUP), np.int32(len(some)))
         return [np.asarray(rows)[: len(some)] for rows in jax.tree.leaves(found)]
 
-    parts = _spread(run, list(range(0, len(poses), group)))
+    parts = spread_solves(run, list(range(0, len(poses), group)))
     return [np.concatenate(rows) for rows in zip(*parts, strict=True)]
 
 
-def _spread(function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
-    """`spread`, with the precision that the caller has set: JAX keeps it for each thread."""
+def spread_solves(function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
+    """`spread` of solves, with the precision that the caller has set: JAX keeps it for each thread."""
     is_double = bool(jax.config.read("jax_enable_x64"))
 
     def run(item: Any) -> Any:

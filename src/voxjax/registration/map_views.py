@@ -1,5 +1,6 @@
 """A map as the residuals see it: planes, trust and opinions, from its states or as functions of its log-odds."""
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import jax
@@ -9,6 +10,7 @@ from jax.core import Tracer
 from jaxtyping import Float
 
 from .._checks import InputError
+from .._threads import spread
 from .._types import Array
 from ..grid import VoxelGrid
 from ..ops.neighbourhood import Neighbourhood, neighbourhood
@@ -41,6 +43,11 @@ class MapView(NamedTuple):
 def hard_view(prepared: PreparedMap) -> MapView:
     """The map by its states."""
     return MapView(prepared, prepared.anchors, prepared.normals, prepared.planarity)
+
+
+def as_view(given: MapView | PreparedMap) -> MapView:
+    """The map as it is given; by its states if it is not a view."""
+    return given if isinstance(given, MapView) else hard_view(given)
 
 
 class SoftMap(NamedTuple):
@@ -98,3 +105,41 @@ def soft_map(grid: VoxelGrid) -> SoftMap:
     low = np.rint((np.asarray(cut.origin) - np.asarray(whole.origin)) / whole.voxel_size).astype(int)
     x, y, z = (slice(int(a), int(a) + n) for a, n in zip(low, cut.shape, strict=True))
     return SoftMap(prepared, neighbourhood(cut.occupied_index(), cut.shape), (x, y, z))
+
+
+def views_of(grids: Mapping[str, VoxelGrid | PreparedMap], *, soft: bool) -> list[MapView | None]:
+    """Maps as the residuals see them; None for those without an occupied voxel.
+
+    Args:
+        grids: By the names that errors call them.
+        soft: Weigh voxels by their probabilities; all maps must then be grids with log-odds.
+
+    Raises:
+        InputError: If `soft` is set and a map has no log-odds, or it is not and they are traced.
+    """
+    for name, grid in grids.items():
+        if soft and (not isinstance(grid, VoxelGrid) or grid.log_odds is None):
+            raise InputError(
+                f"{name} must be a VoxelGrid with log_odds if soft is True; give it log-odds or leave soft out."
+            )
+        if not soft and isinstance(grid, VoxelGrid) and isinstance(grid.log_odds, Tracer):
+            raise InputError(
+                f"{name} has traced log_odds, on which the result depends with soft=True only; set it."
+            )
+
+    def prepared(grid: VoxelGrid | PreparedMap) -> SoftMap | PreparedMap | None:
+        if isinstance(grid, PreparedMap):
+            return grid
+        if not grid.num_occupied:
+            return None
+        return soft_map(grid) if soft else prepare_map(grid)
+
+    def view(grid: VoxelGrid | PreparedMap, part: SoftMap | PreparedMap | None) -> MapView | None:
+        if isinstance(part, SoftMap):
+            assert isinstance(grid, VoxelGrid)  # checked above
+            return part.view(jnp.asarray(grid.log_odds))
+        return None if part is None else hard_view(part)
+
+    # Views are made in this thread, to which all that is traced belongs.
+    made = spread(prepared, grids.values())
+    return [view(grid, part) for grid, part in zip(grids.values(), made, strict=True)]

@@ -10,33 +10,29 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Bool, Float, Int32
 
-from .._checks import InputError, check_choice, check_pose, check_positive
+from .._checks import InputError, check_choice, check_pose
 from .._results import RESULTS
 from .._threads import spread
 from .._types import Array
 from ..grid import VoxelGrid
 from ..refinement.covariance import PATCH_VOXELS, PRIOR, pose_covariance
-from ..refinement.equations import move_about
 from ..refinement.losses import Loss
-from ..refinement.pose import RefinedPose, problem_cost, solve_pose
+from ..refinement.pose import problem_cost, solve_pose
 from ..refinement.problem import PoseProblem
 from ..refinement.terms import Term
+from .coarse_to_fine import (
+    COARSE_POINTS,
+    CoarseLevel,
+    better,
+    checked_distances,
+    coarse_levels,
+    scales_in_reach,
+    turned,
+)
 from .many_starts import solve_starts
-from .map_views import MapView, hard_view, soft_map
-from .prepared import PreparedMap, prepare_map
-from .problem import pose_problem
-
-START_DISTANCE, FINAL_DISTANCE = 4.0, 1.0
-"""Robust scale of the first and of the last level [voxel]."""
-
-LEVELS_PER_OCTAVE = 2
-"""Levels while the robust scale halves."""
-
-COARSE_POINTS = 2048
-"""Voxels of coarsened maps to use."""
-
-SIDE_TURN = 20.0
-"""Turns about each axis from which far starts are led as well [degrees]."""
+from .map_views import views_of
+from .prepared import PreparedMap
+from .problem import checked_residuals, pose_problem
 
 
 class Refinement(eqx.Module):
@@ -115,28 +111,29 @@ def refine(
     check_choice("loss", loss, ("geman_mcclure", "cauchy", "huber", "squared"))
     if num_points < 1:
         raise InputError(f"num_points must be 1 or more, got {num_points}.")
+    kinds = checked_residuals(residuals)
     start = _checked_start(T_a_b)
-    views = [_view(name, grid, soft=soft) for name, grid in (("a", a), ("b", b))]
-    target, other = views
+    target, other = views_of({"a": a, "b": b}, soft=soft)
     if target is None or other is None:
         return _nothing_to_refine(start)
     voxel = target.prepared.grid.voxel_size
-    first = (
-        START_DISTANCE * voxel if max_distance is None else check_positive("max_distance", max_distance, "m")
-    )
-    last = FINAL_DISTANCE * voxel if final_distance is None else final_distance
-    last = min(check_positive("final_distance", last, "m"), first)
-    led = _lead(start, (target.prepared, other.prepared), first, loss=loss, both_ways=both_ways)
+    first, last = checked_distances(max_distance, final_distance, voxel)
+    coarse = coarse_levels([target.prepared, other.prepared], first, voxel)
+    led = _lead(start, other.prepared.centroid, coarse, loss=loss, both_ways=both_ways)
     problem = pose_problem(
-        target, other, residuals=residuals, num_points=num_points, loss=loss, both_ways=both_ways
+        target, other, residuals=kinds, num_points=num_points, loss=loss, both_ways=both_ways
     )
     planes = problem
-    if residuals is not None and "planes" not in residuals:
+    if kinds.get("planes") != 1.0:
         planes = pose_problem(target, other, num_points=num_points, both_ways=both_ways)
     problem = PoseProblem((*problem.terms, *terms), problem.centroid, problem.radius)
-    scales = robust_scales(min(first, START_DISTANCE * voxel), last).astype(problem.centroid.dtype)
+    scales = scales_in_reach(first, last, voxel).astype(problem.centroid.dtype)
     solve = solve_starts if start.ndim == 3 else solve_pose
-    found = _better(problem, start, solve(problem, led, scales), scales)
+    found = solve(problem, led, scales)
+    if coarse:
+        (before,) = _each(lambda T: (problem_cost(problem, T, scales),), start)
+        T, after = better(start, before, found.T_a_b, found.cost_after)
+        found = found._replace(T_a_b=T, cost_before=before, cost_after=after)
     num_patches = np.asarray(other.prepared.num_points / PATCH_VOXELS, scales.dtype)
     covariance = partial(pose_covariance, planes, scale=scales[-1], num_patches=num_patches)
     covariances, is_degenerate = _each(covariance, found.T_a_b)
@@ -152,47 +149,30 @@ def refine(
 
 
 def _lead(
-    start: Array, maps: tuple[PreparedMap, PreparedMap], first: float, *, loss: Loss, both_ways: bool
+    start: Array, centroid: Array, coarse: Sequence[CoarseLevel], *, loss: Loss, both_ways: bool
 ) -> Array:
-    """Lead a start or several along maps coarser by powers of two, to within the reach of the maps themselves.
+    """Lead a start or several along coarser maps, to within the reach of the maps themselves.
 
-    A single start goes with turned ones, because far turns end in other valleys more often than far shifts; the pose
-    of least cost on the finest of the coarser maps is taken.
+    A single start goes with turned ones; the pose of least cost on the finest of the coarser maps is taken.
+
+    Args:
+        start: One, or several.
+        centroid: Of map b [m].
+        coarse: Both maps, coarsened; without a level the start stays.
+        loss: What a large offset costs.
+        both_ways: See `refine`.
     """
-    voxel, led = maps[0].grid.voxel_size, jax.lax.stop_gradient(jnp.asarray(start))
-    factors = coarse_factors(first / voxel)
-    if not factors:
+    led = jax.lax.stop_gradient(jnp.asarray(start))
+    if not coarse:
         return led
     is_single = led.ndim == 2
-    poses = np.asarray(_turned(led, maps[1].centroid) if is_single else led)
-    found = None
-    for factor in factors:
-        rough = [prepare_map(m.grid.with_voxel_size(factor * m.grid.voxel_size)) for m in maps]
-        width = START_DISTANCE * factor * voxel
-        scales = robust_scales(min(width, first), width / 2).astype(poses.dtype)
-        problem = pose_problem(*rough, num_points=COARSE_POINTS, loss=loss, both_ways=both_ways)
-        found = solve_starts(problem, poses, scales)
-        poses = np.asarray(found.T_a_b)
-    assert found is not None  # there is a factor
-    return jnp.asarray(poses[np.argmin(found.cost_after)] if is_single else poses)
-
-
-def _turned(T_a_b: Array, centroid: Array) -> Float[Array, "turns 4 4"]:
-    """A pose, and the same turned about the image of the centroid, either way about each axis."""
-    turns = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)]) * np.radians(SIDE_TURN)
-    tangents = np.concatenate([np.zeros_like(turns), turns], axis=1).astype(T_a_b.dtype)
-    return jax.vmap(move_about, in_axes=(None, None, 0))(T_a_b, jnp.asarray(centroid), jnp.asarray(tangents))
-
-
-def _better(problem: PoseProblem, start: Array, found: RefinedPose, scales: Array) -> RefinedPose:
-    """What was found, or the start where that was better before it was led along coarser maps."""
-    before = _each(lambda T: (problem_cost(problem, T, scales),), start)[0]
-    is_better = found.cost_after < before
-    return found._replace(
-        T_a_b=jnp.where(is_better[..., None, None], found.T_a_b, start),
-        cost_before=before,
-        cost_after=jnp.where(is_better, found.cost_after, before),
-    )
+    poses = np.asarray(turned(led, centroid) if is_single else led)
+    costs: Array = np.zeros(len(poses), poses.dtype)
+    for maps, scales in coarse:
+        problem = pose_problem(*maps, num_points=COARSE_POINTS, loss=loss, both_ways=both_ways)
+        found = solve_starts(problem, poses, scales.astype(poses.dtype))
+        poses, costs = np.asarray(found.T_a_b), found.cost_after
+    return jnp.asarray(poses[np.argmin(costs)] if is_single else poses)
 
 
 def _outcome(converged: Bool[Array, ""], is_degenerate: Bool[Array, ""]) -> RESULTS:
@@ -207,18 +187,6 @@ def _each(function: Callable[[Array], tuple[Array, ...]], poses: Array) -> tuple
     return tuple(np.stack(column) for column in zip(*spread(function, list(poses)), strict=True))
 
 
-def robust_scales(first: float, last: float) -> Float[np.ndarray, "levels"]:
-    """Robust scale of each level, falling [m]."""
-    num_levels = max(int(np.ceil(LEVELS_PER_OCTAVE * np.log2(first / last) - 1e-6)), 1)
-    return np.geomspace(last, first, num_levels)[::-1].astype(np.float32)
-
-
-def coarse_factors(first: float) -> list[int]:
-    """Factors by which maps are coarsened for a robust scale of `first` voxels, coarsest first; none up to 4 voxels."""
-    doublings = max(int(np.ceil(np.log2(first / START_DISTANCE) - 1e-6)), 0)
-    return [2**k for k in range(doublings, 0, -1)]
-
-
 def _checked_start(T_a_b: object) -> Array:
     """One start or several; a traced one is taken as it is."""
     if isinstance(T_a_b, jax.Array) and isinstance(T_a_b, Tracer):
@@ -229,23 +197,6 @@ def _checked_start(T_a_b: object) -> Array:
     if not len(poses):
         raise InputError("T_a_b must hold at least one start, got none.")
     return np.stack([check_pose(f"T_a_b[{number}]", pose) for number, pose in enumerate(poses)])
-
-
-def _view(name: str, grid: VoxelGrid | PreparedMap, *, soft: bool) -> MapView | None:
-    """The map as residuals see it; None if nothing is occupied."""
-    if soft:
-        if not isinstance(grid, VoxelGrid) or grid.log_odds is None:
-            raise InputError(
-                f"{name} must be a VoxelGrid with log_odds if soft is True; give it log-odds or leave soft out."
-            )
-        return soft_map(grid).view(grid.log_odds) if grid.num_occupied else None
-    if isinstance(grid, PreparedMap):
-        return hard_view(grid)
-    if isinstance(grid.log_odds, Tracer):
-        raise InputError(
-            f"{name} has traced log_odds, on which the result depends with soft=True only; set it."
-        )
-    return hard_view(prepare_map(grid)) if grid.num_occupied else None
 
 
 def _nothing_to_refine(start: Array) -> Refinement:

@@ -1,0 +1,270 @@
+"""What `refine` can do for a pair, `refine_joint` can for many: residuals, terms, log-odds, far starts."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import voxjax as vx
+from oracles.motions import moved, nudged, pose_error, random_pose
+from oracles.rooms import VOXEL
+from voxjax.fusion.rules import log_odds_of_states
+from voxjax.refinement.joint import solve_joint
+from voxjax.refinement.joint_equations import relative_pose
+from voxjax.refinement.pairs import CornerPairs, Prior
+from voxjax.refinement.terms import Level
+from voxjax.registration.joint_maps import joint_problem
+from voxjax.registration.joint_pairs import checked_terms, with_named
+from voxjax.registration.map_views import soft_map
+from voxjax.registration.prepared import prepare_map
+from voxjax.registration.problem import pose_problem
+from voxjax.registration.refine_joint import refine_joint
+
+KINDS = {
+    "planes": {"planes": 1.0},
+    "distances": {"distances": 1.0},
+    "occupancies": {"occupancies": 1.0},
+    "all": {"planes": 1.0, "distances": 0.5, "occupancies": 0.3},
+}
+LOOP = [(0, 1), (1, 2), (2, 0)]
+POINTS = 256
+ONE_LEVEL = {"max_distance": VOXEL, "final_distance": VOXEL, "num_points": POINTS}
+
+
+@pytest.fixture(scope="module")
+def grids(room):
+    """A room in three frames, the first of which is the world."""
+    T = random_pose(np.random.default_rng(5), metres=3, degrees=40)
+    return [room[0], room[1], room[0].transformed(np.linalg.inv(T))], [np.eye(4), room[2], T]
+
+
+@pytest.fixture(scope="module")
+def maps(prepared, grids):
+    return [*prepared, prepare_map(grids[0][2])]
+
+
+@pytest.fixture(scope="module")
+def truth(grids):
+    return grids[1]
+
+
+def starts_near(truth, maps, seed, *, metres, degrees):
+    rng = np.random.default_rng(seed)
+    near = [
+        nudged(T, each.centroid, rng, metres=metres, degrees=degrees)
+        for T, each in zip(truth, maps, strict=True)
+    ]
+    return [truth[0], *near[1:]]
+
+
+def with_log_odds(grid, odds=None):
+    odds = log_odds_of_states(jnp.asarray(grid.states)) if odds is None else odds
+    return vx.VoxelGrid(grid.states, grid.origin, grid.voxel_size, odds)
+
+
+def test_the_cost_is_that_of_the_pairs(maps, truth):
+    level = Level(jnp.float32(VOXEL), jnp.int32(0))
+    options = {"residuals": KINDS["all"], "num_points": 2 * POINTS}
+    cost = jax.jit(lambda problem, poses: problem.cost(poses, level))
+    joint = joint_problem(maps, LOOP, np.arange(3) == 0, **options)
+    pairs = [pose_problem(maps[a], maps[b], both_ways=True, **options) for a, b in LOOP]
+    for seed, metres in enumerate((0.0, 0.1, 0.5)):
+        near = starts_near(truth, maps, seed, metres=metres, degrees=10 * metres)
+        poses = jnp.asarray(np.stack(near), jnp.float32)
+        expected = [
+            float(cost(pair, relative_pose(poses[a], poses[b])))
+            for pair, (a, b) in zip(pairs, LOOP, strict=True)
+        ]
+        assert min(expected) > 0.01
+        np.testing.assert_allclose(cost(joint, poses), sum(expected), rtol=1e-5)
+
+
+def test_pairs_read_one_table_of_each_kind(maps):
+    problem = joint_problem(maps, LOOP, np.arange(3) == 0, residuals=KINDS["all"], num_points=POINTS)
+    (group,) = problem.edges
+    terms: Any = group.common.terms
+    planes, distances, opinions = (terms[2 * k : 2 * k + 2] for k in range(3))
+    tables = [term.surface.keys for term in planes] + [term.surface.points for term in planes]
+    tables += [term.field.rows for term in (*distances, *opinions)]
+    tables += [term.field.values for term in (*distances, *opinions)]
+    assert all(table is not None for table in tables)
+    assert len({id(table) for table in tables}) == 6
+    stacked = [leaf.size for leaf in jax.tree.leaves(group.own)]
+    assert max(stacked) == 3 * 3 * POINTS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("soft", [False, True])
+@pytest.mark.parametrize("kind", list(KINDS))
+def test_two_maps_end_where_a_pair_does(maps, grids, truth, kind, soft):
+    given = [with_log_odds(grid) for grid in grids[0][:2]] if soft else maps[:2]
+    starts = starts_near(truth, maps, 1, metres=0.03, degrees=0.3)[:2]
+    options = {"residuals": KINDS[kind], "num_points": 1024, "soft": soft, "max_distance": 2 * VOXEL}
+    pair = vx.refine(given[0], given[1], starts[1], both_ways=True, **options)
+    joint = refine_joint(given, starts, pairs=[(0, 1)], **options)
+    angle, gap = pose_error(joint.poses[1], pair.T_a_b, maps[1].centroid)
+    # Each holds the matches that it found last.
+    assert angle < 0.03
+    assert gap < 0.02 * VOXEL
+    np.testing.assert_allclose(joint.cost_after, pair.cost_after, rtol=1e-3)
+    np.testing.assert_allclose(joint.cost_before, pair.cost_before, rtol=1e-4)
+
+
+def test_terms_pull_the_pairs_that_they_name(maps, truth):
+    """Corners pull one map off its surfaces, and a prior places one that no map overlaps."""
+    rng = np.random.default_rng(2)
+    starts = starts_near(truth, maps, 2, metres=0.05, degrees=0.5)
+    starts[2] = starts[2].copy()
+    starts[2][:3, 3] += 20.0
+    # Where the corners say that map 1 is: three centimetres off.
+    told = truth[1].copy()
+    told[:3, 3] += [0.03, 0.0, 0.0]
+    corners = rng.uniform(-2, 2, (7, 3)) + np.asarray(maps[1].centroid)[None, :]
+    pull = CornerPairs(
+        of_a=moved(told, corners).astype(np.float32),
+        of_b=corners.astype(np.float32),
+        share=np.full(7, 100.0, np.float32),
+        loss="squared",
+    )
+    believed = nudged(
+        np.linalg.inv(starts[1]) @ starts[2], maps[2].centroid, rng, metres=0.2, degrees=2.0
+    ).astype(np.float32)
+    prior = Prior(believed, maps[2].centroid, 10.0 * np.eye(6, dtype=np.float32))
+    found = refine_joint(maps, starts, terms={(0, 1): [pull], (1, 2): [prior]}, **ONE_LEVEL)
+    assert found.pairs == ((0, 1), (1, 2))
+    assert found.held == (0,)
+    angle, gap = pose_error(found.poses[1], told, maps[1].centroid)
+    assert angle < 0.01
+    assert gap < 1e-3
+    between = np.linalg.inv(np.asarray(found.poses[1], np.float64)) @ np.asarray(found.poses[2], np.float64)
+    angle, gap = pose_error(between, believed, maps[2].centroid)
+    assert angle < 0.01
+    assert gap < 1e-3
+    # Planes do not see the map that the prior places.
+    assert found.result == vx.RESULTS.degenerate
+
+
+def test_far_starts_are_led_together_along_coarser_maps(maps, truth):
+    starts = starts_near(truth, maps, 7, metres=2.0, degrees=15.0)
+
+    def errors(max_distance):
+        # Two levels, as on coarser maps, and as many points: one kernel for all.
+        found = refine_joint(maps, starts, final_distance=2 * VOXEL, max_distance=max_distance)
+        assert found.pairs == ((0, 1), (0, 2), (1, 2))
+        assert found.cost_after <= found.cost_before
+        return np.array([pose_error(found.poses[n], truth[n], maps[n].centroid) for n in (1, 2)])
+
+    near, led = errors(None), errors(16 * VOXEL)
+    assert near[:, 1].max() > 5 * VOXEL
+    assert led[:, 1].max() < 0.2 * VOXEL
+    assert led[:, 0].max() < 0.3
+
+
+@pytest.mark.parametrize(
+    ("kind", "reverse"),
+    [
+        ("planes", False),
+        *(pytest.param(kind, True, marks=pytest.mark.slow) for kind in KINDS),
+    ],
+)
+def test_log_odds_of_three_maps_in_a_loop_in_float64(grids, maps, truth, kind, reverse):
+    """Derivatives of the poses against finite differences, which leave the matches as they are."""
+    starts = starts_near(truth, maps, 6, metres=0.05, degrees=0.5)
+    rng = np.random.default_rng(7)
+    with jax.enable_x64(True):
+        soft = [soft_map(grid) for grid in grids[0]]
+        odds = [jnp.asarray(log_odds_of_states(jnp.asarray(grid.states)), jnp.float64) for grid in grids[0]]
+        ways = [jnp.asarray(rng.normal(size=each.shape)) for each in odds]
+        start, scales = jnp.asarray(np.stack(starts)), jnp.asarray([VOXEL])
+
+        def refined(odds):
+            views = [part.view(each) for part, each in zip(soft, odds, strict=True)]
+            problem = joint_problem(views, LOOP, np.arange(3) == 0, residuals=KINDS[kind], num_points=POINTS)
+            return solve_joint(problem, start, scales).poses[1:, :3]
+
+        def along(step):
+            return jax.jvp(refined, ([o + step * way for o, way in zip(odds, ways, strict=True)],), (ways,))
+
+        # Along a longer step points meet other planes; a shorter one shows that solutions are good to 1e-10 m.
+        step = 3e-5 if "planes" in KINDS[kind] else 3e-4
+        (high, _), (low, _), (_, found) = (along(at) for at in (step, -step, 0.0))
+        expected = (high - low) / (2 * step)
+        size = float(jnp.abs(expected).max())
+        assert size > 1e-4
+        np.testing.assert_allclose(found, expected, atol=1e-3 * size)
+        if reverse:
+            pull = jnp.asarray(rng.normal(size=found.shape))
+            (back,) = jax.vjp(refined, odds)[1](pull)
+            total = sum(float(jnp.sum(part * way)) for part, way in zip(back, ways, strict=True))
+            np.testing.assert_allclose(total, float(jnp.sum(pull * found)), rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_gradients_reach_the_log_odds_through_the_public_verb(grids, maps, truth):
+    """Forward and reverse, from a start and from the solution, which has the derivative of the solution."""
+    starts = starts_near(truth, maps, 8, metres=0.05, degrees=0.5)
+    odds = [log_odds_of_states(jnp.asarray(grid.states)) for grid in grids[0]]
+    rng = np.random.default_rng(9)
+    ways = [jnp.asarray(rng.normal(size=each.shape), jnp.float32) for each in odds]
+
+    def refined(odds, starts):
+        given = [with_log_odds(grid, each) for grid, each in zip(grids[0], odds, strict=True)]
+        return refine_joint(given, starts, pairs=LOOP, soft=True, **ONE_LEVEL).poses
+
+    def probe(odds, starts):
+        return refined(odds, starts)[2, 0, 3]
+
+    for start in (starts, refined(odds, starts)):
+        slopes = jax.grad(probe)(odds, start)
+        _, forward = jax.jvp(lambda odds, start=start: probe(odds, start), (odds,), (ways,))
+        total = sum(float(jnp.sum(slope * way)) for slope, way in zip(slopes, ways, strict=True))
+        np.testing.assert_allclose(total, forward, rtol=1e-3)
+        for grid, slope in zip(grids[0], slopes, strict=True):
+            assert np.isfinite(slope).all()
+            assert np.abs(slope).max() > 0
+            # Planes are made of occupied voxels only.
+            assert (np.asarray(slope)[np.asarray(grid.states) != 2] == 0).all()
+
+
+def test_traced_log_odds_and_starts_are_refused_where_they_would_not_count(grids, maps, truth):
+    def by_odds(odds):
+        given = [with_log_odds(grids[0][0], odds), *maps[1:]]
+        return refine_joint(given, truth, pairs=LOOP, **ONE_LEVEL).poses[1, 0, 3]
+
+    with pytest.raises(vx.InputError, match=r"grids\[0\].*soft=True"):
+        jax.grad(by_odds)(jnp.zeros(grids[0][0].shape, jnp.float32))
+    with pytest.raises(vx.InputError, match=r"grids\[1\].*log_odds"):
+        refine_joint([with_log_odds(grids[0][0]), *grids[0][1:]], truth, soft=True)
+    with pytest.raises(vx.InputError, match=r"poses\[0\].*solve_joint"):
+        jax.jit(lambda T: refine_joint(maps, [T, *truth[1:]], pairs=LOOP).poses)(jnp.eye(4))
+
+
+def some_prior():
+    return Prior(np.eye(4, dtype=np.float32), np.zeros(3, np.float32), np.eye(6, dtype=np.float32))
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({"residuals": {"corners": 1.0}}, "residuals"),
+        ({"residuals": {"planes": 0.0}}, "positive"),
+        ({"residuals": {}}, "at least one"),
+        ({"terms": {(1, 0): []}}, r"T_0_1"),
+        ({"terms": {(0, 1): [], (1, 0): []}, "pairs": None}, "once"),
+        ({"terms": {(0, 3): []}}, "terms"),
+        ({"terms": {(1, 1): []}}, "terms"),
+    ],
+)
+def test_bad_input_is_one_sentence(maps, truth, changes, word):
+    with pytest.raises(vx.InputError, match=word):
+        refine_joint(maps, truth, **({"pairs": LOOP} | changes))
+
+
+def test_named_pairs_are_held_the_way_round_that_they_are_named():
+    terms = checked_terms({(2, 0): [some_prior()], (3, 1): []}, None, 4)
+    assert list(terms) == [(2, 0), (3, 1)]
+    assert len(terms[2, 0]) == 1
+    assert with_named([(0, 1), (0, 2)], terms) == [(0, 1), (2, 0), (3, 1)]
+    assert checked_terms(None, [(0, 1)], 2) == {}
