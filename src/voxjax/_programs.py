@@ -10,13 +10,9 @@ JAX, on accelerators, and for arguments whose code this package does not know (a
 traced as ever.
 """
 
-import contextlib
 import functools
 import hashlib
-import importlib.metadata
-import os
 import pickle
-import tempfile
 import threading
 import warnings
 from collections.abc import Callable, Hashable, Sequence
@@ -28,18 +24,15 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
+from ._program_files import ENDING, NAME, mark_as_used, read_whole, version_digest, write_whole
+
 P = ParamSpec("P")
 R = TypeVar("R")
 T = TypeVar("T")
 
-_TRACED_BY = ("voxjax", "jax", "jaxlib", "numpy", "equinox", "lineax", "optimistix")
 _KNOWN = ("builtins", "jax.", "jaxlib.", "numpy", "voxjax.")
 """Modules of types whose code belongs to the key of a program."""
 _NUMBERS_AND_NAMES = (bool, int, float, str)
-_DIGEST = hashlib.sha256().digest_size
-_NAME, _ENDING = 32, ".program"
-"""Of a file: length of each of the two digests in its name, and what comes after them."""
-
 _MOST_AHEAD = 24
 """Programs that are loaded before they are asked for: those that were used last."""
 
@@ -106,7 +99,7 @@ class _Call(NamedTuple):
                 parts.append((leaf.shape, leaf.dtype))
             else:
                 return None
-        return self.structure, tuple(parts), _option("jax_enable_x64")
+        return self.structure, tuple(parts), _options()
 
 
 def _is_plain(array: Any) -> bool:
@@ -118,9 +111,10 @@ def _is_plain(array: Any) -> bool:
     )
 
 
-def _option(name: str) -> Any:
-    """A setting of JAX, as this thread has it."""
-    return getattr(jax.config, name)
+def _options() -> tuple[bool, Any]:
+    """Settings of JAX that programs depend on, as this thread has them: float64, precision of products."""
+    config: Any = jax.config
+    return bool(config.jax_enable_x64), config.jax_default_matmul_precision
 
 
 @functools.cache
@@ -154,22 +148,21 @@ def kept_program(function: Callable[P, R]) -> Callable[P, R]:
 
 def _program_of(function: Callable[..., Any], call: _Call, folder: Path) -> Callable[..., Any] | None:
     """The program of a call as a function of its arrays: from the folder, or traced and written there."""
-    if not _is_known(call.structure) or " at 0x" in str(
-        call.structure
-    ):  # an object without a name of its own
+    # Objects that are told by their address have no name that another process knows.
+    if not _is_known(call.structure) or " at 0x" in str(call.structure):
         return None
-    path = folder / f"{_version_digest()}-{_digest_of(function, call)}{_ENDING}"
+    path = folder / f"{version_digest()}-{_digest_of(function, call)}{ENDING}"
 
     def load() -> Callable[..., Any]:
-        content = _read(path)
+        content = read_whole(path)
         if content is None:
             content = _traced(function, call)
-            _write(path, content)
-        else:
-            _mark_as_used(path)
-        return _runnable(content)[0]
+            write_whole(path, content)
+        return _Program.of(content).run
 
-    return _once(path, load) or load()
+    found = _once(path, load) or load()
+    mark_as_used(path)
+    return found
 
 
 def _once(path: Path, load: Callable[[], T]) -> T:
@@ -191,15 +184,19 @@ def _once(path: Path, load: Callable[[], T]) -> T:
 
 def _load_ahead(folder: Path) -> None:
     """Load programs of these versions and their kernels, in the order in which they were used."""
-    used = sorted(folder.glob(f"{_version_digest()}-*{_ENDING}"), key=lambda path: path.stat().st_mtime_ns)
+    used = sorted(folder.glob(f"{version_digest()}-*{ENDING}"), key=lambda path: path.stat().st_mtime_ns)
 
     def ready(path: Path) -> Callable[..., Any] | None:
-        content = _read(path)
+        content = read_whole(path)
         if content is None:
             return None
-        run, jitted, shapes = _runnable(content)
-        jitted.lower(*shapes).compile()
-        return run
+        program = _Program.of(content)
+        try:
+            program.compile()
+        except Exception as error:  # whoever asks for it tries again, and is told
+            warnings.warn(f"a kept program was not compiled ahead: {error}", stacklevel=2)
+            return None
+        return program.run
 
     for path in used[-_MOST_AHEAD:]:
         # Nobody waits for what is left when the program ends, or keeps its programs elsewhere.
@@ -208,22 +205,46 @@ def _load_ahead(folder: Path) -> None:
         _once(path, functools.partial(ready, path))
 
 
-def _runnable(content: bytes) -> tuple[Callable[..., Any], Any, Sequence[Any]]:
-    """A program as a function of arrays, the jitted part of it, and the shapes that this takes."""
-    name, program, example = pickle.loads(content)
-    exported, structure = jax.export.deserialize(bytearray(program)), jax.tree.structure(example)
+class _Program(NamedTuple):
+    """A program that was kept.
 
-    def run(*arrays: Any) -> Any:
-        return exported.call(*arrays)
+    Attributes:
+        jitted: It, as a function of flat arrays.
+        shapes: Of these.
+        structure: Of its results.
+        is_double: Whether it was traced with float64.
+    """
 
-    run.__name__ = run.__qualname__ = name  # by which JAX tells what it compiles
-    jitted = jax.jit(run)
-    shapes = [jax.ShapeDtypeStruct(aval.shape, aval.dtype) for aval in exported.in_avals]
-    return (lambda *arrays: jax.tree.unflatten(structure, jitted(*arrays))), jitted, shapes
+    jitted: Any
+    shapes: Sequence[jax.ShapeDtypeStruct]
+    structure: Any
+    is_double: bool
+
+    @classmethod
+    def of(cls, content: bytes) -> "_Program":
+        """The program that `_traced` gave."""
+        name, is_double, program, example = pickle.loads(content)
+        exported = jax.export.deserialize(bytearray(program))
+
+        def flat(*arrays: Any) -> Any:
+            return exported.call(*arrays)
+
+        flat.__name__ = flat.__qualname__ = name  # by which JAX tells what it compiles
+        shapes = [jax.ShapeDtypeStruct(aval.shape, aval.dtype) for aval in exported.in_avals]
+        return cls(jax.jit(flat), shapes, jax.tree.structure(example), is_double)
+
+    def run(self, *arrays: Any) -> Any:
+        """Results for arrays."""
+        return jax.tree.unflatten(self.structure, self.jitted(*arrays))
+
+    def compile(self) -> None:
+        """Compile its kernel, or load it, so that `run` finds it."""
+        with jax.enable_x64(self.is_double):
+            self.jitted.lower(*self.shapes).compile()
 
 
 def _traced(function: Callable[..., Any], call: _Call) -> bytes:
-    """The name of the function, its program, and a tree of the structure of its results."""
+    """The name of the function, whether it knows float64, its program, and a tree of the structure of its results."""
     structure = None
 
     def flat(*arrays: Any) -> list[Any]:
@@ -236,7 +257,7 @@ def _traced(function: Callable[..., Any], call: _Call) -> bytes:
     program = jax.export.export(jax.jit(flat))(*shapes).serialize()
     assert structure is not None  # exporting has traced it
     example = jax.tree.unflatten(structure, range(structure.num_leaves))
-    return pickle.dumps((function.__name__, bytes(program), example))
+    return pickle.dumps((function.__name__, _options()[0], bytes(program), example))
 
 
 def _digest_of(function: Callable[..., Any], call: _Call) -> str:
@@ -248,58 +269,14 @@ def _digest_of(function: Callable[..., Any], call: _Call) -> str:
             f"{leaf.dtype}{leaf.shape}" if is_array else repr(leaf)
             for leaf, is_array in zip(call.leaves, call.is_array, strict=True)
         ),
-        f"{_option('jax_enable_x64')} {_option('jax_default_matmul_precision')}",
+        str(_options()),
     ]
-    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:_NAME]
-
-
-@functools.cache
-def _version_digest() -> str:
-    """What traces programs: versions of packages, and sizes and times of this package's files, which are edited."""
-    found = [f"{name} {importlib.metadata.version(name)}" for name in _TRACED_BY]
-    root = Path(__file__).parent
-    for path in sorted(root.rglob("*.py")):
-        status = path.stat()
-        found.append(f"{path.relative_to(root)} {status.st_size} {status.st_mtime_ns}")
-    return hashlib.sha256("\n".join(found).encode()).hexdigest()[:_NAME]
+    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:NAME]
 
 
 def _is_known(structure: Any) -> bool:
-    """Whether all types of a structure have code that `_version_digest` tells apart."""
+    """Whether all types of a structure have code that `version_digest` tells apart."""
     data = structure.node_data()
     if data is not None and not f"{data[0].__module__}.".startswith(_KNOWN):
         return False
     return all(_is_known(child) for child in structure.children())
-
-
-def _read(path: Path) -> bytes | None:
-    """Content of a file that was written whole, else None."""
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError:
-        return None
-    except OSError as error:
-        warnings.warn(f"a kept program cannot be read: {error}; it is traced again.", stacklevel=2)
-        return None
-    is_whole = hashlib.sha256(content[_DIGEST:]).digest() == content[:_DIGEST]
-    return content[_DIGEST:] if is_whole else None
-
-
-def _mark_as_used(path: Path) -> None:
-    """Set the time of a file, by which the next process knows what to load first."""
-    with contextlib.suppress(OSError):  # a folder that cannot be written serves as well
-        os.utime(path)
-
-
-def _write(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all; what cannot be written is traced again by the next process."""
-    temporary = None
-    try:
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as file:
-            temporary = file.name
-            file.write(hashlib.sha256(content).digest() + content)
-        os.replace(temporary, path)
-    except OSError as error:
-        warnings.warn(f"programs cannot be kept in {path.parent}: {error}.", stacklevel=2)
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
