@@ -90,3 +90,25 @@ def test_no_points_and_no_poses_give_empty_sums(room, num_points, num_poses):
     sums, information = surface_evidence(codes, keys, *block, normals, points, points, weights, poses, True)
     for found, shape in ((scores, (3,)), (sums, (4,)), (information, (3, 3))):
         np.testing.assert_array_equal(np.asarray(found), np.zeros((num_poses, *shape)))
+
+
+@pytest.mark.parametrize("num_points", [1024, 4097, 20000])
+def test_lists_of_several_pieces_add_up_to_their_points(room, num_points):
+    rng = np.random.default_rng(5)
+    index, keys, codes, block = block_of(room)
+    surface = rng.normal(size=(len(index), 3)).astype(np.float32)
+    surface /= np.linalg.norm(surface, axis=1, keepdims=True)
+    few = rng.uniform(-1, 2, (100, 3)).astype(np.float32)
+    normals = surface[rng.integers(0, len(surface), 100)]
+    weights = rng.random(100).astype(np.float32)
+    poses, chosen = some_poses(rng), rng.integers(0, 100, num_points)
+    times = np.bincount(chosen, minlength=100).astype(np.float32)
+    listed = [few[chosen], normals[chosen], weights[chosen]]
+    found = surface_evidence(codes, keys, *block, surface, *listed, poses, True)
+    expected = surface_evidence(codes, keys, *block, surface, few, normals, weights * times, poses, True)
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(np.asarray(one), np.asarray(other), rtol=2e-4, atol=0.02)
+    scores = score_poses(codes, *block, listed[0], listed[2], poses)
+    in_one = score_poses(codes, *block, few, weights * times, poses)
+    np.testing.assert_allclose(np.asarray(scores), np.asarray(in_one), rtol=2e-4, atol=0.02)
+    assert np.asarray(in_one).max() > 0.02 * num_points

@@ -53,7 +53,7 @@ class JointRefinement(eqx.Module):
             have the pose that they had.
         covariance: float32 (maps, 6, 6) of the tangent (translation [m], rotation [rad]) about the centroid of each
             map expressed in the world, given the poses in `held`; for these it is 0, and that of a map without a pair
-            means nothing.
+            means nothing. It has no derivative.
         result: `successful`, `not_converged`, `degenerate` (a map slides, see `covariance`), `no_overlap` or
             `empty_map` (there was no pair to refine).
         pairs: The pairs that were held against each other.
