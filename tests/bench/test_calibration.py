@@ -47,6 +47,7 @@ def test_the_fit_finds_that_pieces_and_not_scores_decide_between_rivals():
     assert chances(judgement_of(rows[1])[0], first=first, piece=piece, has_free_space=True)[0] > 0.9
 
 
+@pytest.mark.slow
 def test_a_row_tells_what_was_said_and_what_is_true():
     T = pose(yaw=20.0, translation=(1.0, 2.0, 0.0))
     a, b = draw_map(), draw_map(T)

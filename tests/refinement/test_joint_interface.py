@@ -162,11 +162,12 @@ def test_far_starts_are_led_together_along_coarser_maps(maps, truth):
     assert led[:, 0].max() < 0.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "reverse"),
     [
         ("planes", False),
-        *(pytest.param(kind, True, marks=pytest.mark.slow) for kind in KINDS),
+        *((kind, True) for kind in KINDS),
     ],
 )
 def test_log_odds_of_three_maps_in_a_loop_in_float64(grids, maps, truth, kind, reverse):
