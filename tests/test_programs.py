@@ -12,6 +12,7 @@ import pytest
 
 from voxjax import InputError, use_compilation_cache
 from voxjax._programs import keep_programs, kept_program
+from voxjax.ops import score_poses
 from voxjax.refinement.terms import Level
 
 VALUES = np.asarray([1.0, 2.0, 4.0], np.float32)
@@ -178,3 +179,23 @@ def test_double_precision_has_a_program_of_its_own(folder, traced):
         assert float(call(VALUES.astype(np.float64)).scale) == 14.0
         assert float(call(VALUES).scale) == 14.0
     assert len(list(folder.iterdir())) == 3
+
+
+def test_kernels_give_the_same_bits_with_and_without_a_program(folder):
+    rng = np.random.default_rng(0)
+    codes, dims = rng.integers(0, 4, 20 * 21 * 22).astype(np.uint8), np.asarray([20, 21, 22], np.int32)
+    points, weights = rng.uniform(0, 2, (700, 3)).astype(np.float32), rng.random(700).astype(np.float32)
+    poses = np.tile(np.eye(4, dtype=np.float32), (6, 1, 1))
+    poses[:, :3, 3] = rng.normal(0, 0.3, (6, 3))
+
+    def scores():
+        return np.asarray(score_poses(codes, dims, np.zeros(3, np.float32), 0.1, points, weights, poses))
+
+    kept = scores()
+    assert len(list(folder.iterdir())) == 1
+    another_process(folder)
+    loaded = scores()
+    keep_programs(None)
+    np.testing.assert_array_equal(scores(), kept)
+    np.testing.assert_array_equal(loaded, kept)
+    assert kept.min() > 0
