@@ -103,12 +103,12 @@ def test_lists_of_several_pieces_add_up_to_their_points(room, num_points):
     weights = rng.random(100).astype(np.float32)
     poses, chosen = some_poses(rng), rng.integers(0, 100, num_points)
     times = np.bincount(chosen, minlength=100).astype(np.float32)
-    listed = [few[chosen], normals[chosen], weights[chosen]]
-    found = surface_evidence(codes, keys, *block, surface, *listed, poses, True)
+    points, sides, shares = few[chosen], normals[chosen], weights[chosen]
+    found = surface_evidence(codes, keys, *block, surface, points, sides, shares, poses, True)
     expected = surface_evidence(codes, keys, *block, surface, few, normals, weights * times, poses, True)
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(np.asarray(one), np.asarray(other), rtol=2e-4, atol=0.02)
-    scores = score_poses(codes, *block, listed[0], listed[2], poses)
+    scores = score_poses(codes, *block, points, shares, poses)
     in_one = score_poses(codes, *block, few, weights * times, poses)
     np.testing.assert_allclose(np.asarray(scores), np.asarray(in_one), rtol=2e-4, atol=0.02)
     assert np.asarray(in_one).max() > 0.02 * num_points
