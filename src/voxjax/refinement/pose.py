@@ -109,7 +109,7 @@ def find_basins(
 ) -> tuple[Float[Array, "k 4 4"], Int32[Array, "k"]]:
     """`find_basin` of the first `count` starts, one after the other in one kernel; the other rows mean nothing.
 
-    A call with all the arrays of a problem takes about as long as a level on few points does.
+    One call for many starts, because each call hands over all the arrays of the problem.
     """
     lead_one = partial(find_basin, problem, scales=scales, levels=levels, max_level_steps=max_level_steps)
     return _of_rows(lead_one, starts, count)
