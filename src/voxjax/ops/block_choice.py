@@ -15,12 +15,12 @@ from .block_words import Occupied, Words, block_lattice, pack_words
 from .blocks import count_in_blocks, cut_blocks, take_from_blocks
 from .window import MAX_SIZE, box_count
 
-MAX_BLOCK_SHARE = 0.04
+MAX_BLOCK_SHARE = 0.12
 """Share of a grid's blocks up to which counting at voxels is faster in blocks, the packing of the grid included.
 
-Chosen from the share where both ways took about equally long at 256 cubed (bool on the host, huge pages) on a machine
-that was busy; with the default allocator, which slows the dense way more, it lies higher. `python -m bench kernels
---only blocks` measures it again.
+Chosen between the shares 10 %, where blocks took less time than the whole grid, and 20 %, where they took more: 256
+cubed, bool on the device, two cores, default allocator and huge pages. `python -m bench kernels --only blocks`
+measures it again.
 """
 
 MIN_VOXELS = 1 << 24
