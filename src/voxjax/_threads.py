@@ -23,38 +23,14 @@ _inside = threading.local()
 def spread(function: Callable[[T], R], items: Iterable[T]) -> list[R]:
     """`function` of each item, in their order, on all cores; the first error is raised once all have ended.
 
-    The calling thread takes its share, so that two pieces on two cores begin one thread only. Pieces of a piece run
-    one after the other: the cores are busy already.
+    Pieces of a piece run one after the other: the cores are busy already. The calling thread takes none: a trace that
+    it is in, and settings of JAX that hold for it alone (float64), would reach some of the pieces and not others.
     """
-    items = list(items)
-    num_helpers = min(num_cores(), len(items)) - 1
-    if num_helpers < 1 or getattr(_inside, "is_piece", False):
+    if getattr(_inside, "is_piece", False):
         return [function(item) for item in items]
-    places = iter(range(len(items)))  # shared: each thread takes the next one
-    results: dict[int, R] = {}
-    errors: dict[int, Exception] = {}
+    with ThreadPoolExecutor(num_cores(), initializer=_begin) as pool:
+        return list(pool.map(function, items))
 
-    def take() -> None:
-        _inside.is_piece = True
-        try:
-            for place in places:
-                try:
-                    results[place] = function(items[place])
-                except Exception as error:
-                    errors[place] = error
-        finally:
-            _inside.is_piece = False
 
-    with ThreadPoolExecutor(num_helpers) as pool:
-        helpers = [pool.submit(take) for _ in range(num_helpers)]
-        try:
-            take()
-        except BaseException:
-            for _ in places:  # an interrupt: what has not begun is left
-                pass
-            raise
-    for helper in helpers:
-        helper.result()
-    if errors:
-        raise errors[min(errors)]
-    return [results[place] for place in range(len(items))]
+def _begin() -> None:
+    _inside.is_piece = True
