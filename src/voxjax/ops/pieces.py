@@ -64,17 +64,17 @@ def sum_over_pieces(
     """Sums over all points for each pose.
 
     Args:
-        kernel: From lists of one of the lengths `PIECES`, poses (512, 4, 4) and their number to sums (512, m). Rows of
-            zeros in the lists must add nothing.
+        kernel: From lists of one of the lengths `PIECES` or `most`, poses (512, 4, 4), their number to sums (512, m).
+            Rows of zeros in the lists must add nothing.
         lists: float32, one row a point each.
         poses: Of any number.
-        most: Points of a piece at most, one of `PIECES`.
+        most: Points of a piece at most.
 
     Returns:
         float64: sums of what the pieces give, in their order, whatever the number of cores.
     """
     length = len(lists[0])
-    size = next((piece for piece in PIECES if piece >= min(length, most)), most)
+    size = min(next((piece for piece in PIECES if piece >= length), most), most)
     starts = range(0, length, size)
     # As many calls as keep all cores busy, but none that is done before another thread has begun.
     num_calls = min(2 * num_cores(), -(-length * len(poses) // LEAST_LOOKUPS))
