@@ -3,10 +3,11 @@
     python -m bench start [--rounds N] [--seed S] [--overlap SHARE] [--tuned]
 
 Generates two maps of one building (by default of 200,000 and 174,000 occupied voxels) and an empty cache of compiled
-kernels, and runs processes of their own: one that compiles, then `--rounds` that find all kernels in the cache. In a
-process, `register` runs three times; what the first run takes beyond the later ones is the time until its kernels are
-ready: to trace them, to lower them, to compile them or load them. Later processes load them in the background from the
-time on at which they say where the cache is, before the maps are read. `voxjax merge` is timed from the outside.
+kernels, and runs processes of their own: one that compiles, then `--rounds` that find all kernels in the cache. A
+process imports what the command imports, whose seconds stand on a line of their own, and runs `register` three times;
+what the first run takes beyond the later ones is the time until its kernels are ready: to trace them, to lower them, to
+compile them or load them. Later processes load them in the background from the time on at which they say where the
+cache is, before the maps are read. `voxjax merge` is timed from the outside.
 `--tuned` also runs `merge` under the allocator setting of `bench/kernel_setting.py`, in turns with the default. Run it
 on an idle machine.
 """
@@ -58,6 +59,8 @@ class Run(NamedTuple):
 def measure(path_a: str, path_b: str, cache: str) -> dict[str, float]:
     """Register two maps in this process [s], and add up what JAX says of its kernels until the first run's end."""
     import jax
+
+    import voxjax.cli.merge  # noqa: F401  # `register` imports nothing more: what is left are kernels
 
     found = dict.fromkeys((*_DURATIONS.values(), *_EVENTS.values()), 0.0)
 

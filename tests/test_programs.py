@@ -66,6 +66,15 @@ def test_the_second_process_traces_nothing(folder, traced):
     assert len(list(folder.iterdir())) == 1
 
 
+def test_results_go_with_arrays_of_any_device(folder, traced):
+    """Results of calls of exported programs are committed to a device; a kernel is compiled for these alone."""
+    function, _ = traced
+    found = kept_program(function)(VALUES)
+    direct = function(VALUES)
+    assert not direct.scale.committed
+    assert [leaf.committed for leaf in jax.tree.leaves(found)] == [False, False]
+
+
 def test_shapes_dtypes_and_numbers_have_programs_of_their_own(folder, traced):
     function, count = traced
     call = kept_program(function)

@@ -235,7 +235,10 @@ class _Program(NamedTuple):
 
     def run(self, *arrays: Any) -> Any:
         """Results for arrays."""
-        return jax.tree.unflatten(self.structure, self.jitted(*arrays))
+        # Calls of exported programs tie results to their device, unlike the functions that they stand for: a kernel
+        # that takes such a result would be compiled once more, and refuse arrays of other devices.
+        free = [jax.device_put(np.asarray(result)) for result in self.jitted(*arrays)]
+        return jax.tree.unflatten(self.structure, free)
 
     def compile(self) -> None:
         """Compile its kernel, or load it, so that `run` finds it."""

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -89,7 +89,7 @@ def judge_poses(
         is_coarse: Judge at the tolerance of unrefined poses.
     """
     T = poses.astype(np.float32)
-    is_signed = a.has_free_space and b.has_free_space
+    is_signed = jax.device_put(np.bool_(a.has_free_space and b.has_free_space))
     sums, information = [], []
     for target, other, direction in ((a, b, T), (b, a, inverse_poses(T))):
         # On the host: each new shape of a map would compile a lookup here.
@@ -159,10 +159,11 @@ def refine_poses(
     rows = sample_rows(b, num_points)
     weights = np.full(num_points, 1.0 / num_points, np.float32)
     points = np.asarray(b.points)[rows]
+    scales = jax.device_put((np.float32(start_distance), np.float32(final_distance)))
     refined = align_poses(
         a.keys, *a.block, a.points, a.normals, points, weights, poses.astype(np.float32),
         num_steps=num_steps,
-        start_distance=jnp.float32(start_distance), final_distance=jnp.float32(final_distance),
+        start_distance=scales[0], final_distance=scales[1],
     )  # fmt: skip
     return np.asarray(refined)
 

@@ -79,7 +79,7 @@ def surface_of(view: MapView, *, is_signed: bool) -> Surface:
         points=view.anchors,
         normals=view.normals,
         planarity=view.planarity,
-        is_signed=jnp.asarray(is_signed),
+        is_signed=jax.device_put(np.bool_(is_signed)),
         trust=view.occupancy,
     )
 

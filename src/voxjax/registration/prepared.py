@@ -79,7 +79,9 @@ class PreparedMap(eqx.Module):
     @property
     def block(self) -> tuple[Array, Array, Array]:
         """Dims, origin and voxel size, as the lookups take them."""
-        return self.dims, np.asarray(self.grid.origin), np.asarray(self.grid.voxel_size, np.float32)
+        # Put there, since `jnp.asarray` compiles a kernel for each shape that it takes in.
+        origin, voxel_size = jax.device_put((self.grid.origin, np.float32(self.grid.voxel_size)))
+        return self.dims, origin, voxel_size
 
     @property
     def coarse_factor(self) -> int:

@@ -101,7 +101,8 @@ def _term(kind: str, target: Target, points: Points, is_inverse: bool, *, share:
     if kind == "distances":
         assert target.distances is not None
         return Distances(target.distances, sample, loss, is_inverse)
-    surface = target.surface._replace(is_signed=jnp.asarray(target.has_free_space and points.has_free_space))
+    is_signed = jax.device_put(np.bool_(target.has_free_space and points.has_free_space))
+    surface = target.surface._replace(is_signed=is_signed)
     return Planes(surface, sample, np.asarray(SLIDE_WEIGHT, surface.points.dtype), loss, is_inverse)
 
 

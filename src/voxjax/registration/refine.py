@@ -162,7 +162,7 @@ def _lead(
         loss: What a large offset costs.
         both_ways: See `refine`.
     """
-    led = jax.lax.stop_gradient(jnp.asarray(start))
+    led = jax.lax.stop_gradient(jax.device_put(start))
     if not coarse:
         return led
     is_single = led.ndim == 2
