@@ -1,5 +1,7 @@
 """Work that is spread over the cores."""
 
+import os
+import signal
 import threading
 import time
 
@@ -69,3 +71,32 @@ def test_all_pieces_have_one_precision_whatever_the_caller_has_set() -> None:
     with jax.enable_x64(True):
         dtypes = spread(lambda item: jnp.asarray(float(item)).dtype, range(6))
     assert set(dtypes) == {np.dtype(np.float32)}
+
+
+def test_the_threads_stay(cores: int) -> None:
+    together = threading.Barrier(cores, timeout=10)
+
+    def meet(_: int) -> int:
+        together.wait()
+        return threading.get_ident()
+
+    assert set(spread(meet, range(cores))) == set(spread(meet, range(cores)))
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+@pytest.mark.filterwarnings("ignore::RuntimeWarning", "ignore::DeprecationWarning")
+def test_a_forked_process_has_threads_of_its_own() -> None:
+    assert spread(abs, [-1, -2]) == [1, 2]
+    child = os.fork()
+    if child == 0:
+        os._exit(0 if spread(abs, [-3]) == [3] else 1)
+    for _ in range(1000):
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
+            break
+        time.sleep(0.01)
+    else:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        pytest.fail("the forked process waits for threads that it does not have")
+    assert os.waitstatus_to_exitcode(status) == 0

@@ -1,9 +1,10 @@
 """Independent pieces of work side by side: NumPy, SciPy and XLA let other threads run while they compute."""
 
+import functools
 import os
 import threading
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from typing import TypeVar
 
 T = TypeVar("T")
@@ -28,9 +29,25 @@ def spread(function: Callable[[T], R], items: Iterable[T]) -> list[R]:
     """
     if getattr(_inside, "is_piece", False):
         return [function(item) for item in items]
-    with ThreadPoolExecutor(num_cores(), initializer=_begin) as pool:
-        return list(pool.map(function, items))
+    pieces = [_pool(num_cores()).submit(function, item) for item in items]
+    try:
+        return [piece.result() for piece in pieces]
+    finally:
+        for piece in pieces:
+            piece.cancel()
+        wait(pieces)
+
+
+@functools.cache
+def _pool(num_threads: int) -> ThreadPoolExecutor:
+    """Threads that stay, for to begin some takes longer than many a kernel."""
+    return ThreadPoolExecutor(num_threads, "voxjax pieces", initializer=_begin)
 
 
 def _begin() -> None:
     _inside.is_piece = True
+
+
+if hasattr(os, "register_at_fork"):
+    # A forked process has none of the threads.
+    os.register_at_fork(after_in_child=_pool.cache_clear)

@@ -6,6 +6,7 @@ with the number of points or poses.
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import product
 
 import jax
 import numpy as np
@@ -45,13 +46,7 @@ def over_poses(
     Returns:
         One row a pose.
     """
-    group = max(min(-(-len(poses) // least_jobs), POSES), 1)
-
-    def run(first: int) -> np.ndarray:
-        some = poses[first : first + group]
-        return np.asarray(kernel(pad_rows(some, POSES), np.int32(len(some))))[: len(some)]
-
-    return np.concatenate(spread(run, range(0, len(poses), group)))
+    return np.concatenate(spread(partial(_of_group, kernel), _groups(poses, least_jobs)))
 
 
 def sum_over_pieces(
@@ -78,10 +73,25 @@ def sum_over_pieces(
     starts = range(0, length, size)
     # As many calls as keep all cores busy, but none that is done before another thread has begun.
     num_calls = min(2 * num_cores(), -(-length * len(poses) // LEAST_LOOKUPS))
+    groups = _groups(poses, -(-num_calls // len(starts)))
 
-    def sums_of(start: int) -> np.ndarray:
+    def sums_of(job: tuple[int, np.ndarray]) -> np.ndarray:
+        start, group = job
         parts = [rows[start : start + size] for rows in lists]
         piece = [part if len(part) == size else pad_rows(part, size) for part in parts]
-        return over_poses(partial(kernel, *piece), poses, least_jobs=-(-num_calls // len(starts)))
+        return _of_group(partial(kernel, *piece), group)
 
-    return np.stack(spread(sums_of, starts)).sum(axis=0, dtype=np.float64)
+    found = spread(sums_of, product(starts, groups))
+    pieces = [np.concatenate(found[k : k + len(groups)]) for k in range(0, len(found), len(groups))]
+    return np.stack(pieces).sum(axis=0, dtype=np.float64)
+
+
+def _groups(poses: np.ndarray, least: int) -> list[np.ndarray]:
+    """Poses in groups of at most `POSES`, in at least so many of them if there are so many poses."""
+    size = max(min(-(-len(poses) // least), POSES), 1)
+    return [poses[first : first + size] for first in range(0, len(poses), size)]
+
+
+def _of_group(kernel: Callable[[np.ndarray, np.int32], Array], group: np.ndarray) -> np.ndarray:
+    """One row of what the kernel gives for each pose of a group."""
+    return np.asarray(kernel(pad_rows(group, POSES), np.int32(len(group))))[: len(group)]
