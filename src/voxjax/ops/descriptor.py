@@ -131,19 +131,26 @@ def _histograms(
         bins = bytes_of(np.asarray(word) if from_host else word)
         return count_bins(bins, num_bins=num_bins)
 
-    counts = work.add_up(simple, (num_bins, 4 * TILE)).reshape(-1, num_bins, TILE, 4)
-    counts = counts.transpose(0, 2, 3, 1)[:, :, :3].reshape(-1, LEAF, width)
-    histograms = counts / xp.maximum(counts[..., :num_bins].sum(axis=2, keepdims=True), xp.float32(1))
+    def shares(counts: Any) -> Any:
+        by_point = counts.reshape(-1, num_bins, TILE, 4).transpose(0, 2, 3, 1)[:, :, :3]
+        by_point = by_point.reshape(-1, LEAF, width)
+        return by_point / xp.maximum(by_point[..., :num_bins].sum(axis=2, keepdims=True), xp.float32(1))
+
+    histograms = work.by_parts(shares, work.add_up(simple, (num_bins, 4 * TILE)))
+    histograms = histograms.reshape(-1, LEAF, width)
     places = tables[0][:3], tables[1][:3]
 
     def smooth(tiles: Any, halves: Any) -> Any:
         weights = closeness(*work.take(places, tiles, halves), square, spacing)
         return work.mix(weights, lambda part: xp.take(histograms, halves[part], axis=0))
 
-    total = work.by_point(work.add_up(smooth, (TILE, width)).reshape(-1, width), points.shape[0])
-    total = total.reshape(-1, 3, num_bins)
-    mass = total.sum(axis=2, keepdims=True)
-    return xp.sqrt(total / xp.where(mass > 0, mass, xp.float32(1))).reshape(-1, width)
+    def roots(total: Any) -> Any:
+        total = total.reshape(-1, 3, num_bins)
+        mass = total.sum(axis=2, keepdims=True)
+        return xp.sqrt(total / xp.where(mass > 0, mass, xp.float32(1))).reshape(-1, width)
+
+    smoothed = work.by_parts(roots, work.add_up(smooth, (TILE, width)))
+    return work.by_point(smoothed.reshape(-1, width), points.shape[0])
 
 
 _histograms_kernel = jax.jit(partial(_histograms, from_host=False), static_argnames="num_bins")

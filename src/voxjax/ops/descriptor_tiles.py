@@ -25,6 +25,8 @@ _TOP = 2
 """Levels of the tree before its parts are made side by side."""
 _STEP = 3
 """Levels of the tree passed at once by the search."""
+_SHORT = 64
+"""Places of a node up to which its box is found by halves."""
 _CHUNK = 512
 """Tiles whose near ones are searched at once."""
 
@@ -78,11 +80,12 @@ def point_tree(points: Float[np.ndarray, "n 3"]) -> PointTree:
     columns[:, :count] = np.asarray(points, np.float32).T
     rows = np.minimum(np.arange(size), count)
     top = min(_TOP, levels)
-    columns, rows = _halved(columns, rows, top)
-    parts = zip(np.split(columns, 1 << top, axis=1), np.split(rows, 1 << top), strict=True)
-    parts = spread(lambda part: _halved(*part, levels - top), parts)
-    columns, rows = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
-    low, high = _boxes(columns, 1 << levels)
+    _halve(columns, rows, top)
+    parts = list(zip(np.split(columns, 1 << top, axis=1), np.split(rows, 1 << top), strict=True))
+    spread(lambda part: _halve(*part, levels - top), parts)
+    low, high = (np.full((3, 1 << levels), bound, np.float32) for bound in (np.inf, -np.inf))
+    filled = -(-count // LEAF)
+    low[:, :filled], high[:, :filled] = _boxes(columns[:, : filled * LEAF], LEAF)
     rows = np.sort(rows.reshape(-1, LEAF), axis=1)
     lows, highs = [low], [high]
     for _ in range(levels):
@@ -92,24 +95,38 @@ def point_tree(points: Float[np.ndarray, "n 3"]) -> PointTree:
     return PointTree(rows, lows[::-1], highs[::-1])
 
 
-def _halved(columns: np.ndarray, rows: np.ndarray, levels: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points (3, n) and their rows in the order of a tree of so many levels."""
+def _halve(columns: np.ndarray, rows: np.ndarray, levels: int) -> None:
+    """Bring points (3, n) and their rows, in place, into the order of a tree of so many levels.
+
+    Points fill a tree from the first leaf on, and nodes without points are left alone.
+    """
+    size, count = len(rows), np.count_nonzero(np.isfinite(columns[0]))
     for level in range(levels):
-        low, high = _boxes(columns, 1 << level)
-        axis = np.argmax(np.where(low <= high, high - low, 0), axis=0)
-        parts = columns.reshape(3, 1 << level, -1)
-        keys = np.take_along_axis(parts, axis[None, :, None], axis=0)[0]
-        halves = np.argpartition(keys, keys.shape[1] // 2 - 1, axis=1)
-        halves += (np.arange(1 << level) * keys.shape[1])[:, None]
+        width = size >> level
+        nodes = -(-count // width)
+        points = columns[:, : nodes * width]
+        low, high = _boxes(points, width)
+        axis = np.argmax(high - low, axis=0)
+        keys = np.take_along_axis(points.reshape(3, nodes, width), axis[None, :, None], axis=0)[0]
+        halves = np.argpartition(keys, width // 2 - 1, axis=1)
+        halves += (np.arange(nodes) * width)[:, None]
         halves = halves.reshape(-1)
-        columns, rows = np.take(columns, halves, axis=1), rows[halves]
-    return columns, rows
+        columns[:, : len(halves)], rows[: len(halves)] = np.take(points, halves, axis=1), rows[halves]
 
 
-def _boxes(columns: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Least and largest finite coordinates of `count` equal parts."""
-    parts = columns.reshape(3, count, -1)
-    return parts.min(axis=2), np.where(np.isfinite(parts), parts, -np.inf).max(axis=2)
+def _boxes(columns: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest coordinates of nodes of equal width; all hold points, and only the last empty places too."""
+    low = high = columns.reshape(3, -1, width)
+    # In halves, whose number is a power of two: NumPy reduces short rows one number at a time.
+    while 1 < low.shape[2] <= _SHORT:
+        half = low.shape[2] // 2
+        low = np.minimum(low[:, :, :half], low[:, :, half:])
+        high = np.maximum(high[:, :, :half], high[:, :, half:])
+    low, high = low.min(axis=2), high.max(axis=2)
+    last = columns[:, -width:]
+    finite = np.where(np.isfinite(last), last, -np.inf)
+    high[:, -1:] = finite.max(axis=1, keepdims=True, initial=-np.inf)
+    return low, high
 
 
 def near_tiles(tree: PointTree, radius: float) -> NearTiles:
@@ -134,7 +151,8 @@ def near_tiles(tree: PointTree, radius: float) -> NearTiles:
     )
     none = np.zeros(0, np.int64), np.zeros(0, np.int64)
     own, other = (np.concatenate(part) for part in zip(none, *parts, strict=True))
-    return _grouped(tree, own, other)
+    # The tree fills its places from the first on.
+    return _grouped(tree.rows[: 2 * (len(tiles) + 1)], own, other)
 
 
 def _descend(tree: PointTree, own: np.ndarray, square: np.float32) -> tuple[np.ndarray, np.ndarray]:
@@ -158,16 +176,16 @@ def _descend(tree: PointTree, own: np.ndarray, square: np.float32) -> tuple[np.n
     return own, other
 
 
-def _grouped(tree: PointTree, own: np.ndarray, other: np.ndarray) -> NearTiles:
+def _grouped(rows: np.ndarray, own: np.ndarray, other: np.ndarray) -> NearTiles:
     """Lists of half tiles by tile, cut into items of GROUP."""
-    empty = len(tree.rows) - 1
+    empty = len(rows) - 1
     starts = np.flatnonzero(np.diff(own, prepend=-1))
     counts = np.diff(starts, append=len(own))
     items = -(-counts // GROUP)
     others = np.full((int(items.sum()), GROUP), empty, np.int32)
     place = np.arange(len(own)) + np.repeat(GROUP * (np.cumsum(items) - items) - starts, counts)
     others.reshape(-1)[place] = other
-    return NearTiles(tree.rows.astype(np.int32), np.repeat(own[starts], items).astype(np.int32), others)
+    return NearTiles(rows.astype(np.int32), np.repeat(own[starts], items).astype(np.int32), others)
 
 
 def padded_tiles(near: NearTiles, count: int, size: int) -> NearTiles:
@@ -175,7 +193,7 @@ def padded_tiles(near: NearTiles, count: int, size: int) -> NearTiles:
 
     For accelerators, where a list belongs to the shape of the kernel; the items added hold no pair.
     """
-    items, empty = bucket_size(len(near.own), 1024), near.rows.shape[0] - 1
-    rows = np.where(near.rows < count, near.rows, size).astype(np.int32)
+    items, half_tiles = bucket_size(len(near.own), 1024), 2 * (-(-size // TILE) + 1)
+    rows = pad_rows(np.where(near.rows < count, near.rows, size).astype(np.int32), half_tiles, size)
     own, others = np.asarray(near.own), np.asarray(near.others)
-    return NearTiles(rows, pad_rows(own, items), pad_rows(others, items, empty))
+    return NearTiles(rows, pad_rows(own, items), pad_rows(others, items, len(near.rows) - 1))
