@@ -189,7 +189,7 @@ def test_log_odds_of_three_maps_in_a_loop_in_float64(grids, maps, truth, kind, r
             return jax.jvp(refined, ([o + step * way for o, way in zip(odds, ways, strict=True)],), (ways,))
 
         # Along a longer step points meet other planes; a shorter one shows that solutions are good to 1e-10 m.
-        step = 3e-5 if "planes" in KINDS[kind] else 3e-4
+        step = 1e-5 if "planes" in KINDS[kind] else 3e-4
         (high, _), (low, _), (_, found) = (along(at) for at in (step, -step, 0.0))
         expected = (high - low) / (2 * step)
         size = float(jnp.abs(expected).max())
