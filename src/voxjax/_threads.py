@@ -29,7 +29,8 @@ def spread(function: Callable[[T], R], items: Iterable[T]) -> list[R]:
     """
     if getattr(_inside, "is_piece", False):
         return [function(item) for item in items]
-    pieces = [_pool(num_cores()).submit(function, item) for item in items]
+    pool = _pool(num_cores())
+    pieces = [pool.submit(function, item) for item in list(items)]  # all are known before the first begins
     try:
         return [piece.result() for piece in pieces]
     finally:

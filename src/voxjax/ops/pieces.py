@@ -75,15 +75,17 @@ def sum_over_pieces(
     num_calls = min(2 * num_cores(), -(-length * len(poses) // LEAST_LOOKUPS))
     groups = _groups(poses, -(-num_calls // len(starts)))
 
-    def sums_of(job: tuple[int, np.ndarray]) -> np.ndarray:
-        start, group = job
+    def piece_from(start: int) -> list[np.ndarray]:
         parts = [rows[start : start + size] for rows in lists]
-        piece = [part if len(part) == size else pad_rows(part, size) for part in parts]
+        return [part if len(part) == size else pad_rows(part, size) for part in parts]
+
+    def sums_of(job: tuple[list[np.ndarray], np.ndarray]) -> np.ndarray:
+        piece, group = job
         return _of_group(partial(kernel, *piece), group)
 
-    found = spread(sums_of, product(starts, groups))
-    pieces = [np.concatenate(found[k : k + len(groups)]) for k in range(0, len(found), len(groups))]
-    return np.stack(pieces).sum(axis=0, dtype=np.float64)
+    found = spread(sums_of, product(map(piece_from, starts), groups))
+    sums = [np.concatenate(found[k : k + len(groups)]) for k in range(0, len(found), len(groups))]
+    return np.stack(sums).sum(axis=0, dtype=np.float64)
 
 
 def _groups(poses: np.ndarray, least: int) -> list[np.ndarray]:
