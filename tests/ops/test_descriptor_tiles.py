@@ -49,6 +49,10 @@ def test_all_rows_have_a_place_and_the_last_half_tile_is_empty():
         near = near_tiles(tree, 0.5)
         assert (near.own.size == 0) == (count == 0)
         assert (np.diff(near.own) >= 0).all()
+        # Of the places without points only so many are left that the last half tile is one.
+        np.testing.assert_array_equal(np.sort(near.rows[near.rows < count]), np.arange(count))
+        assert (near.rows[-1] == count).all()
+        assert near.rows.size <= count + 2 * 2 * LEAF
 
 
 def test_unusable_points_and_radii_are_refused():

@@ -1,7 +1,7 @@
 """Points in small tiles, and which tiles lie within a radius of each other: all pairs of near points, without lists.
 
 A tile is a leaf of a tree of halves, so its points lie close together. Work on pairs of points is done tile against
-tile, densely: about three in ten of the pairs of near tiles are near, and no distance is looked up or sorted. On the
+tile, densely: most pairs of points of near tiles are too far apart, but no distance is looked up or sorted. On the
 host: the structure is indices only, and kernels take it as arrays.
 """
 
