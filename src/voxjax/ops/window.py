@@ -96,7 +96,7 @@ def count_steady_directions(
 def window_classes(
     occupied: Occupied, min_change: Array, *, size: int = 7, shift: int = 4, implementation: str | None = None
 ) -> UInt8[Array, "x y z"]:
-    """Count and classify in one pass: flat, edge and corner voxels by their steady directions (section III).
+    """Count and classify in one kernel: flat, edge and corner voxels by their steady directions (section III).
 
     Args:
         occupied: True (or not 0) where a voxel is occupied.
@@ -107,7 +107,8 @@ def window_classes(
             reads counts only near occupied voxels. None takes "passes": "pallas" was not yet measured.
 
     Returns:
-        uint8: 0 not occupied, 1 flat (two steady directions or more), 2 edge (one), 3 corner (none).
+        uint8: 0 not occupied, 1 flat (two steady directions or more), 2 edge (one), 3 corner (none). "passes" holds
+        the counts while it runs, in temporary memory of about 3.3 bytes a voxel; they are no result.
 
     Raises:
         InputError: If `size` is even, below 1 or above 15, or the implementation is unknown.
