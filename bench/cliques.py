@@ -22,9 +22,9 @@ import numpy as np
 
 from bench.timing import setting
 from voxjax.matching.associations import all_associations
-from voxjax.matching.clique import maximum_clique
+from voxjax.matching.cliques.maximum import maximum_clique
+from voxjax.matching.cliques.weighted import maximum_weight_clique
 from voxjax.matching.consistency import pairwise_consistency
-from voxjax.matching.weighted_clique import maximum_weight_clique
 
 _BOX = np.asarray([20.0, 15.0, 3.0])
 _NUM_A, _NUM_B = 82, 88

@@ -21,7 +21,7 @@ from bench.peers import Peer, load_peers
 from bench.timing import setting
 from voxjax.matching.descriptors import describe_map, working_spacing
 from voxjax.metrics import pose_error
-from voxjax.registration.descriptor_hypotheses import descriptor_hypotheses
+from voxjax.registration.hypotheses.descriptors import descriptor_hypotheses
 
 MAX_DEGREES, MAX_METRES = 10.0, 1.0
 SIMULATED = "yaw_20_0,yaw_40_0,tilt_20_1,tilt_65_0,so3_20_0,so3_40_1,so3_65_0,hotel_0"

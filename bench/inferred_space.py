@@ -3,7 +3,7 @@
     python -m bench inferred_space [--maps FOLDER] [--count 6] [--seed 400000]
 
 Takes all free space from generated maps and from those real maps that have some, infers it from what encloses it
-(`registration/inferred_space.py`), and compares: precision is the share of the inferred voxels that the sensor had seen
+(`maps/inferred_space.py`), and compares: precision is the share of the inferred voxels that the sensor had seen
 to be free (the others are unknown), recall the share of the free voxels that are inferred.
 """
 
@@ -20,7 +20,7 @@ import numpy as np
 import voxjax as vx
 from bench.calibration_worlds import load_world, seeds_of, without_free_space
 from bench.timing import setting
-from voxjax.registration.inferred_space import infer_free_space
+from voxjax.maps.inferred_space import infer_free_space
 
 DEFAULT_MAPS = Path(os.environ.get("VOXJAX_MAPS", "../shared/maps"))
 

@@ -13,9 +13,9 @@ from bench.kernel_rows.scene import rooms
 from bench.plots import prepare_plots as prepare_plots
 from bench.timing import time_interleaved
 from voxjax._types import OCCUPIED
-from voxjax.ops.box import box_count
-from voxjax.ops.compact import occupied_indices
-from voxjax.ops.window import window_classes
+from voxjax.ops.blocks.compact import occupied_indices
+from voxjax.ops.window.box import box_count
+from voxjax.ops.window.classes import window_classes
 
 _SURFACE_ROW = re.compile(r"^box_count 7 at constant surface, (\d+)x(\d+)x(\d+)$")
 _LARGEST_SCIPY = 256

@@ -8,11 +8,11 @@ import numpy as np
 import voxjax as vx
 from bench.refinement_cases import starts_of
 from bench.refinement_parts import Plan, Row
-from voxjax.refinement.covariance import MAP_ACCURACY, PATCH_VOXELS, plane_information
-from voxjax.refinement.noise import implicit_covariance
-from voxjax.refinement.pairs import tangent_between
-from voxjax.registration.prepared import prepare_map
-from voxjax.registration.problem import pose_problem
+from voxjax.maps.prepared import prepare_map
+from voxjax.refinement.maps.pair import pose_problem
+from voxjax.refinement.residuals.pairs import tangent_between
+from voxjax.refinement.solve.covariance import MAP_ACCURACY, PATCH_VOXELS, plane_information
+from voxjax.refinement.solve.noise import implicit_covariance
 
 CHI2_95 = 12.592
 """95 % quantile of the chi-squared distribution of 6 degrees of freedom."""

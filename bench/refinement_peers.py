@@ -19,7 +19,7 @@ import numpy as np
 
 import voxjax as vx
 from bench.worlds import MapPair
-from voxjax.registration.prepared import prepare_map
+from voxjax.maps.prepared import prepare_map
 
 Refine = Callable[[np.ndarray], np.ndarray]
 """From a start, (4, 4) `T_a_b`, to the refined pose."""

@@ -22,14 +22,14 @@ from bench.refinement_cases import generated_cases, starts_of
 from bench.refinement_parts import START_DEGREES, START_METRES, Plan, Row
 from bench.timing import time_interleaved
 from voxjax import use_compilation_cache
-from voxjax._compilation_cache import PROGRAMS
-from voxjax._programs import keep_programs
-from voxjax.refinement.pose import RefinedPose, solve_pose
-from voxjax.refinement.problem import PoseProblem
-from voxjax.registration.coarse_to_fine import robust_scales
-from voxjax.registration.many_starts import solve_starts
-from voxjax.registration.prepared import prepare_map
-from voxjax.registration.problem import as_dtype, pose_problem
+from voxjax._runtime.compilation_cache import PROGRAMS
+from voxjax._runtime.programs import keep_programs
+from voxjax.maps.prepared import prepare_map
+from voxjax.refinement.maps.coarse_to_fine import robust_scales
+from voxjax.refinement.maps.many_starts import solve_starts
+from voxjax.refinement.maps.pair import as_dtype, pose_problem
+from voxjax.refinement.solve.pose import RefinedPose, solve_pose
+from voxjax.refinement.solve.problem import PoseProblem
 
 NUM_POINTS, NUM_STARTS = 10240, 64
 

@@ -3,10 +3,11 @@
     python -m bench calibration --seed 100000 --pairs 120 --hotels 75 --buildings 12 --out fit.json
     python -m bench verdict_fit fit.json [more.json ...]
 
-Rows with free space and without are fitted apart (`registration/verdict.py`): the first step by the scores and supports
-of all leaders, the second, among rivals, by the area of their contradictions. Prints the coefficients beside those in
-use, and for each kind of pair how many would be accepted, rightly and wrongly, with the coefficients of ten folds each
-fitted without the fold that it judges; also with the true pose struck from the leaders: then nothing is right.
+Rows with free space and without are fitted apart (`registration/judging/verdict.py`): the first step by the scores and
+supports of all leaders, the second, among rivals, by the area of their contradictions. Prints the coefficients beside
+those in use, and for each kind of pair how many would be accepted, rightly and wrongly, with the coefficients of ten
+folds each fitted without the fold that it judges; also with the true pose struck from the leaders: then nothing is
+right.
 """
 
 import argparse
@@ -17,8 +18,8 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize
 
-from voxjax.registration import conflict_pieces, verdict
-from voxjax.registration.leaders import Judgement
+from voxjax.registration.judging import conflict_pieces, verdict
+from voxjax.registration.judging.leaders import Judgement
 
 FOLDS = 10
 RIDGE = 0.02

@@ -6,7 +6,7 @@ from pathlib import Path
 import jax
 import pytest
 
-from voxjax._mappings import release_kernels_if_crowded
+from voxjax._runtime.mappings import release_kernels_if_crowded
 
 jax.config.update("jax_num_cpu_devices", 2)
 jax.config.update("jax_numpy_dtype_promotion", "strict")

@@ -9,11 +9,11 @@ import numpy as np
 
 from bench.kernel_row import KernelRow, Target
 from voxjax._types import Array
-from voxjax.ops.block_choice import MAX_BLOCK_SHARE, MIN_VOXELS, box_count_at
-from voxjax.ops.block_words import BLOCK, occupied_blocks, pack_words
-from voxjax.ops.blocks import count_in_blocks, list_blocks
-from voxjax.ops.tiles import map_tiles
-from voxjax.ops.window import box_count
+from voxjax.ops.blocks.choice import MAX_BLOCK_SHARE, MIN_VOXELS, box_count_at
+from voxjax.ops.blocks.counts import count_in_blocks, list_blocks
+from voxjax.ops.blocks.words import BLOCK, occupied_blocks, pack_words
+from voxjax.ops.large.tiles import map_tiles
+from voxjax.ops.window.classes import box_count
 
 SURFACE_BOX = (256, 256, 128)
 """All surface of the rows of constant surface lies in a box of this shape [voxel]; the grid around it grows."""

@@ -14,7 +14,7 @@ from bench.kernel_rows.checks import check_equal, temporary_bytes
 from bench.kernel_rows.scene import rooms
 from bench.kernel_setting import allocator
 from voxjax._types import OCCUPIED
-from voxjax.ops.box import box_count
+from voxjax.ops.window.box import box_count
 
 _SIZE = 7
 _COPY = "numpy widening copy, memory reused"

@@ -10,7 +10,7 @@ import numpy as np
 from bench.kernel_row import KernelRow, Target
 from bench.kernel_rows.scene import rooms
 from voxjax._types import OCCUPIED
-from voxjax.ops.compact import occupied_indices
+from voxjax.ops.blocks.compact import occupied_indices
 
 _ROOM = 1.1
 """Rows asked for, per occupied voxel."""

@@ -7,9 +7,9 @@ import numpy as np
 from bench.kernel_row import KernelRow, Target
 from bench.kernel_rows.scene import rooms
 from voxjax._types import OCCUPIED
-from voxjax.ops.descriptor import point_feature_histograms, surface_normals
-from voxjax.ops.descriptor_match import mutual_nearest
-from voxjax.ops.descriptor_tiles import near_tiles, point_tree
+from voxjax.ops.descriptors.fpfh import point_feature_histograms, surface_normals
+from voxjax.ops.descriptors.match import mutual_nearest
+from voxjax.ops.descriptors.tiles import near_tiles, point_tree
 
 try:
     import open3d

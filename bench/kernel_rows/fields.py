@@ -11,7 +11,7 @@ from bench.kernel_row import KernelRow, Target
 from bench.kernel_rows.scene import rooms
 from voxjax._types import OCCUPIED
 from voxjax.ops.distance import _distance_field, distance_field
-from voxjax.ops.interpolate import resample_nearest, resample_trilinear
+from voxjax.ops.resampling.interpolate import resample_nearest, resample_trilinear
 
 try:
     import edt  # a reference only: its licence is the LGPL

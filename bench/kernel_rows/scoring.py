@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 from bench.kernel_row import KernelRow, Target
 from bench.kernel_rows.scene import rooms
 from voxjax._types import OCCUPIED
-from voxjax.ops.evidence import (
+from voxjax.ops.evidence.nearest import nearest_field, split_keys
+from voxjax.ops.evidence.scoring import (
     CONFLICT,
     HIT,
     NEUTRAL,
@@ -18,7 +19,6 @@ from voxjax.ops.evidence import (
     score_poses,
     surface_evidence,
 )
-from voxjax.ops.nearest import nearest_field, split_keys
 
 _HIT_SQ, _CLEAR_SQ, _VOXEL = 2, 4, 0.1
 

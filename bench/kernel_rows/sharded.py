@@ -16,8 +16,8 @@ import jax
 import numpy as np
 
 from bench.kernel_row import KernelRow
-from voxjax.ops.sharded import gather_shards, map_shards, shard_grid
-from voxjax.ops.window import box_count
+from voxjax.ops.large.sharded import gather_shards, map_shards, shard_grid
+from voxjax.ops.window.classes import box_count
 
 _COUNT = functools.partial(box_count, size=7)
 _READY = "ready"

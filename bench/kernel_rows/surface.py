@@ -10,11 +10,11 @@ from scipy.sparse import coo_array, csgraph
 
 from bench.kernel_row import KernelRow, Target
 from bench.kernel_rows.scene import rooms
-from voxjax._buckets import bucket_size, pad_rows
+from voxjax._runtime.buckets import bucket_size, pad_rows
 from voxjax._types import OCCUPIED
 from voxjax.ops.components import Regions, connected_components, grow_regions, label_voxels, padded_size
 from voxjax.ops.eigen import eigen_by_columns, symmetric_eigen
-from voxjax.ops.moments import surface_moments
+from voxjax.ops.surface.moments import surface_moments
 
 try:
     import open3d

@@ -11,8 +11,8 @@ from bench.kernel_row import KernelRow, Target
 from bench.kernel_rows.checks import check_equal, temporary_bytes
 from bench.kernel_rows.scene import rooms
 from voxjax._types import OCCUPIED
-from voxjax.ops.box import box_count
-from voxjax.ops.window import (
+from voxjax.ops.window.box import box_count
+from voxjax.ops.window.classes import (
     classes_of_counts,
     count_change,
     count_steady_directions,

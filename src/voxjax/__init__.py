@@ -14,7 +14,7 @@ _HOME = {
     "RESULTS": "_results",
     "read_map": "io",
     "write_map": "io",
-    "box_count": "ops.window",
+    "box_count": "ops.window.classes",
     "classify_voxels": "features.classify",
     "Corners": "features.corners",
     "detect_corners": "features.corners",
@@ -22,23 +22,23 @@ _HOME = {
     "consistency_graph": "matching.consistency",
     "ConsistencyGraph": "matching.consistency",
     "maximum_common_subgraph": "matching.common_subgraph",
-    "refine": "registration.refine",
-    "refine_joint": "registration.refine_joint",
+    "refine": "refinement.refine",
+    "refine_joint": "refinement.refine_joint",
     "Registration": "registration.types",
     "register": "pipeline.pair",
     "register_batch": "pipeline.batch",
     "fuse": "fusion.fuse",
     "merge": "pipeline.many",
     "Merge": "pipeline.many",
-    "use_compilation_cache": "_compilation_cache",
+    "use_compilation_cache": "_runtime.compilation_cache",
 }
 
 __all__ = ["__version__", *_HOME]
 
 if TYPE_CHECKING:
     from ._checks import InputError as InputError
-    from ._compilation_cache import use_compilation_cache as use_compilation_cache
     from ._results import RESULTS as RESULTS
+    from ._runtime.compilation_cache import use_compilation_cache as use_compilation_cache
     from .features.classify import classify_voxels as classify_voxels
     from .features.corners import Corners as Corners
     from .features.corners import detect_corners as detect_corners
@@ -49,14 +49,14 @@ if TYPE_CHECKING:
     from .matching.common_subgraph import maximum_common_subgraph as maximum_common_subgraph
     from .matching.consistency import ConsistencyGraph as ConsistencyGraph
     from .matching.consistency import consistency_graph as consistency_graph
-    from .ops.window import box_count as box_count
+    from .ops.window.classes import box_count as box_count
     from .pipeline.batch import register_batch as register_batch
     from .pipeline.many import Merge as Merge
     from .pipeline.many import merge as merge
     from .pipeline.pair import register as register
     from .planes.fit import Planes as Planes
-    from .registration.refine import refine as refine
-    from .registration.refine_joint import refine_joint as refine_joint
+    from .refinement.refine import refine as refine
+    from .refinement.refine_joint import refine_joint as refine_joint
     from .registration.types import Registration as Registration
 
 

@@ -75,7 +75,7 @@ class VoxelGrid(eqx.Module):
             InputError: If the cloud is not (n, 3) finite numbers, or would need an impossible number of
                 voxels.
         """
-        from .ops.raycast import grid_from_points
+        from .ops.resampling.raycast import grid_from_points
 
         states, origin = grid_from_points(
             points, voxel_size=check_positive("voxel_size", voxel_size, "m"), sensor_origins=sensor_origins,
@@ -159,8 +159,8 @@ class VoxelGrid(eqx.Module):
         of their log-odds. Finer: voxels are split. The ratio may be any number: each fine voxel goes where
         its centre lies.
         """
-        from .ops.lattice import origin_in_voxels
-        from .ops.rescale import rescale_states
+        from .ops.resampling.lattice import origin_in_voxels
+        from .ops.resampling.rescale import rescale_states
 
         voxel_size = check_positive("voxel_size", voxel_size, "m")
         cell = origin_in_voxels(np.asarray(self.origin), voxel_size)
@@ -179,7 +179,7 @@ class VoxelGrid(eqx.Module):
         whole multiple of the voxel size; under the 24 rotations of the cube the whole grid is kept, under
         others the box around what is known.
         """
-        from .ops.resample import resample_rigid
+        from .ops.resampling.rigid import resample_rigid
 
         states, origin, log_odds = resample_rigid(
             np.asarray(self.states), np.asarray(self.origin), self.voxel_size, check_pose("T", T),

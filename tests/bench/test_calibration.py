@@ -11,7 +11,7 @@ from bench.verdict_fit import chances, fit, judgement_of
 
 from small_worlds import draw_map, pose
 from voxjax import register
-from voxjax.registration import conflict_pieces, verdict
+from voxjax.registration.judging import conflict_pieces, verdict
 
 
 def leader(score, support=0.2, contradiction=0.0, *, right=False):

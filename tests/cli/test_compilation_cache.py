@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from voxjax import InputError
-from voxjax._compilation_cache import default_cache_folder, use_compilation_cache
+from voxjax._runtime.compilation_cache import default_cache_folder, use_compilation_cache
 
 COUNTED = """
 import jax, numpy as np
@@ -118,7 +118,9 @@ def test_other_warnings_are_still_shown(tmp_path):
 def test_the_library_keeps_nothing_unless_asked(tmp_path):
     body = f"import voxjax.ops\n{KERNEL}"
     assert _run(f"{COUNTED}{body}", tmp_path)[0] == ["15.0", "0 0"]
-    asked = f"{COUNTED}from voxjax._compilation_cache import use_compilation_cache as use\nuse()\n{body}"
+    asked = (
+        f"{COUNTED}from voxjax._runtime.compilation_cache import use_compilation_cache as use\nuse()\n{body}"
+    )
     assert _run(asked, tmp_path)[0] == ["15.0", "0 1"]
     assert _run(asked, tmp_path)[0] == ["15.0", "1 0"]
 

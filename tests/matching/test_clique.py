@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from oracles.matching import is_clique
 from voxjax import InputError
-from voxjax.matching.clique import maximum_clique
-from voxjax.matching.graph_rows import (
+from voxjax.matching.cliques.graph_rows import (
     common_neighbours,
     pack,
     peeling_order,
@@ -17,7 +16,8 @@ from voxjax.matching.graph_rows import (
     upper_edges,
     usable_edges,
 )
-from voxjax.matching.greedy import greedy_clique, quick_clique
+from voxjax.matching.cliques.greedy import greedy_clique, quick_clique
+from voxjax.matching.cliques.maximum import maximum_clique
 
 
 def random_graph(seed, size, density):

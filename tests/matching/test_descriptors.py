@@ -4,7 +4,9 @@ import pytest
 from voxjax import InputError, VoxelGrid
 from voxjax.matching import descriptors
 from voxjax.matching.descriptors import describe_map, match_descriptors, working_spacing
-from voxjax.ops import descriptor, descriptor_items, descriptor_match
+from voxjax.ops.descriptors import fpfh as descriptor
+from voxjax.ops.descriptors import items as descriptor_items
+from voxjax.ops.descriptors import match as descriptor_match
 
 
 def furnished_room(free=True, seed=0):

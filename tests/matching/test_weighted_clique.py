@@ -4,7 +4,7 @@ import pytest
 
 from oracles.matching import is_clique
 from voxjax import InputError
-from voxjax.matching.weighted_clique import maximum_weight_clique
+from voxjax.matching.cliques.weighted import maximum_weight_clique
 
 
 def random_graph(seed):

@@ -17,8 +17,8 @@ SHAPE = (37, 22, 19)
 def check(devices, mesh_shape):
     """Counts and counts of counts over a mesh, equal to the definition bit for bit."""
     from oracles import sliding_window
-    from voxjax.ops.sharded import gather_shards, map_shards, shard_grid
-    from voxjax.ops.window import box_count
+    from voxjax.ops.large.sharded import gather_shards, map_shards, shard_grid
+    from voxjax.ops.window.classes import box_count
 
     occupied = np.random.default_rng(7).random(SHAPE) < 0.2
     mesh = jax.sharding.Mesh(np.asarray(devices).reshape(mesh_shape), ("x", "y", "z")[: len(mesh_shape)])

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from voxjax.ops.align import align_poses
-from voxjax.ops.nearest import nearest_field
+from voxjax.ops.evidence.align import align_poses
+from voxjax.ops.evidence.nearest import nearest_field
 
 VOXEL = 0.1
 

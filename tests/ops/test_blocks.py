@@ -7,11 +7,17 @@ from hypothesis import strategies as st
 
 from oracles import sliding_window
 from voxjax._checks import InputError
-from voxjax.ops import block_choice
-from voxjax.ops.block_choice import box_count_at
-from voxjax.ops.block_words import block_lattice, lattice_of_words, occupied_blocks, pack_words
-from voxjax.ops.blocks import count_in_blocks, cut_blocks, dense_from_blocks, list_blocks, take_from_blocks
-from voxjax.ops.window import box_count
+from voxjax.ops.blocks import choice as block_choice
+from voxjax.ops.blocks.choice import box_count_at
+from voxjax.ops.blocks.counts import (
+    count_in_blocks,
+    cut_blocks,
+    dense_from_blocks,
+    list_blocks,
+    take_from_blocks,
+)
+from voxjax.ops.blocks.words import block_lattice, lattice_of_words, occupied_blocks, pack_words
+from voxjax.ops.window.classes import box_count
 
 SHAPES = [(1, 1, 1), (8, 8, 32), (9, 17, 33), (3, 40, 5), (16, 1, 70)]
 

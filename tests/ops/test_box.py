@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from oracles import sliding_window
 from voxjax._checks import InputError
-from voxjax.ops.box import box_count
+from voxjax.ops.window.box import box_count
 
 IMPLEMENTATIONS = ("separable", "packed", "summed_area")
 

@@ -10,10 +10,10 @@ import pytest
 
 from oracles import sliding_window
 from voxjax._checks import InputError
-from voxjax.ops import box_pallas
-from voxjax.ops.box import box_count
-from voxjax.ops.box_pallas import box_count_pallas, window_classes_pallas
-from voxjax.ops.window import window_classes
+from voxjax.ops.window import box_pallas
+from voxjax.ops.window.box import box_count
+from voxjax.ops.window.box_pallas import box_count_pallas, window_classes_pallas
+from voxjax.ops.window.classes import window_classes
 
 
 def _grid(shape, share=0.4, seed=0):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from voxjax._checks import InputError
-from voxjax.ops.compact import occupied_indices
+from voxjax.ops.blocks.compact import occupied_indices
 
 
 def _assert_lists(occupied, size):

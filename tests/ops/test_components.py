@@ -12,7 +12,7 @@ from scipy import ndimage
 
 import voxjax as vx
 from voxjax.ops.components import connected_components, grow_regions, label_voxels, padded_size
-from voxjax.ops.moments import surface_moments
+from voxjax.ops.surface.moments import surface_moments
 
 IMPLEMENTATIONS = ("scipy", "compact")
 CONNECTIVITIES = (6, 18, 26)

@@ -3,7 +3,12 @@ import numpy as np
 import pytest
 
 from oracles.descriptors import agree
-from voxjax.ops.consensus import agreement_matrix, greedy_cliques, matches_under_poses, poses_from_matches
+from voxjax.ops.descriptors.consensus import (
+    agreement_matrix,
+    greedy_cliques,
+    matches_under_poses,
+    poses_from_matches,
+)
 
 
 def unit(v):

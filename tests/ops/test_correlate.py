@@ -1,9 +1,9 @@
 import numpy as np
 
 from oracles.evidence import shifted_score
-from voxjax.ops.correlate import coarse_spectra, correlation_peaks
-from voxjax.ops.evidence import evidence_codes
-from voxjax.ops.nearest import nearest_field
+from voxjax.ops.evidence.correlate import coarse_spectra, correlation_peaks
+from voxjax.ops.evidence.nearest import nearest_field
+from voxjax.ops.evidence.scoring import evidence_codes
 
 CELLS = (16, 24, 16)
 

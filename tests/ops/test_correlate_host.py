@@ -9,10 +9,15 @@ from scipy.spatial.transform import Rotation
 
 from oracles.evidence import shifted_score
 from small_worlds import draw_map, pose
-from voxjax.ops import correlate_host as host
-from voxjax.registration.exhaustive import _place, _quarter_turns_apart, exhaustive_hypotheses, upright_frame
-from voxjax.registration.map_features import map_features
-from voxjax.registration.translation_search import search_on_device, search_on_host
+from voxjax.ops.evidence import correlate_host as host
+from voxjax.registration.hypotheses.exhaustive import (
+    _place,
+    _quarter_turns_apart,
+    exhaustive_hypotheses,
+    upright_frame,
+)
+from voxjax.registration.hypotheses.map_features import map_features
+from voxjax.registration.hypotheses.translation_search import search_on_device, search_on_host
 
 CELLS = (16, 24, 20)
 

@@ -4,9 +4,10 @@ import pytest
 
 from oracles.descriptors import histograms, plane_normal
 from voxjax import InputError
-from voxjax.ops import descriptor, descriptor_items
-from voxjax.ops.descriptor import point_feature_histograms, surface_normals
-from voxjax.ops.descriptor_tiles import near_tiles, point_tree
+from voxjax.ops.descriptors import fpfh as descriptor
+from voxjax.ops.descriptors import items as descriptor_items
+from voxjax.ops.descriptors.fpfh import point_feature_histograms, surface_normals
+from voxjax.ops.descriptors.tiles import near_tiles, point_tree
 
 
 def bumpy_patch(seed=0, n=60):

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from oracles.descriptors import mutual_pairs
-from voxjax.ops import descriptor_match
-from voxjax.ops.descriptor_match import mutual_nearest, mutual_nearest_kernel
+from voxjax.ops.descriptors import match as descriptor_match
+from voxjax.ops.descriptors.match import mutual_nearest, mutual_nearest_kernel
 
 
 def pairs(a, b, mask_a, mask_b, match=mutual_nearest):

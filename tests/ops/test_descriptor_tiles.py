@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from voxjax import InputError
-from voxjax.ops.descriptor_tiles import GROUP, LEAF, near_tiles, point_tree
+from voxjax.ops.descriptors.tiles import GROUP, LEAF, near_tiles, point_tree
 
 
 def listed_pairs(near, count):

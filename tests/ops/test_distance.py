@@ -11,7 +11,7 @@ from scipy import ndimage
 import voxjax as vx
 from oracles.evidence import nearest_brute_force
 from voxjax.ops.distance import MAX_RADIUS, distance_field
-from voxjax.ops.nearest import nearest_field, split_keys
+from voxjax.ops.evidence.nearest import nearest_field, split_keys
 
 
 def brute_force(occupied, radius):

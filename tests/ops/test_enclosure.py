@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from voxjax.ops.enclosure import DIRECTIONS, enclosing_directions
+from voxjax.ops.surface.enclosure import DIRECTIONS, enclosing_directions
 
 
 def walk(occupied, reach):

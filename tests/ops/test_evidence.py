@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from oracles.evidence import evidence_of_point
-from voxjax.ops.evidence import evidence_codes, score_poses, surface_evidence
-from voxjax.ops.nearest import nearest_field
+from voxjax.ops.evidence.nearest import nearest_field
+from voxjax.ops.evidence.scoring import evidence_codes, score_poses, surface_evidence
 
 VOXEL, ORIGIN = 0.1, np.asarray([-0.5, 0.3, 1.0], np.float32)
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from oracles import box_room
-from voxjax.ops.faces import OCTANT_SIGNS, corner_faces, edge_directions
+from voxjax.ops.surface.faces import OCTANT_SIGNS, corner_faces, edge_directions
 
 
 def test_edges_lie_in_the_two_other_planes_on_the_positive_side():

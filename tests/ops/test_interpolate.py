@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from oracles import resampling as oracle
 from voxjax import rigid
-from voxjax.ops.interpolate import backward_affine, resample_nearest, resample_trilinear
-from voxjax.ops.resample import source_from_target
+from voxjax.ops.resampling.interpolate import backward_affine, resample_nearest, resample_trilinear
+from voxjax.ops.resampling.rigid import source_from_target
 
 
 def make_states(seed=0, shape=(6, 5, 4)) -> np.ndarray:

@@ -7,10 +7,10 @@ import pytest
 
 from oracles import surfaces
 from voxjax._checks import InputError
-from voxjax.ops import moments as module
-from voxjax.ops.moments import surface_moments
-from voxjax.ops.window_bits import ball_offsets
-from voxjax.ops.window_surface import central_sums
+from voxjax.ops.surface import moments as module
+from voxjax.ops.surface.axes import central_sums
+from voxjax.ops.surface.ball_sums import ball_offsets
+from voxjax.ops.surface.moments import surface_moments
 
 
 def _scene(seed=0):

@@ -5,10 +5,10 @@ from hypothesis import strategies as st
 
 import voxjax as vx
 from oracles.evidence import nearest_brute_force
-from voxjax.ops import nearest_host
-from voxjax.ops.evidence import evidence_codes
-from voxjax.ops.nearest import NOTHING_NEAR, nearest_field, split_keys
-from voxjax.ops.nearest_host import evidence_codes_host, nearest_field_host
+from voxjax.ops.evidence import nearest_host
+from voxjax.ops.evidence.nearest import NOTHING_NEAR, nearest_field, split_keys
+from voxjax.ops.evidence.nearest_host import evidence_codes_host, nearest_field_host
+from voxjax.ops.evidence.scoring import evidence_codes
 
 
 def field_of(index, dims, radius, flat_size=None):

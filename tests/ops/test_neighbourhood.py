@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from oracles import soft_planes as oracle
 from voxjax._checks import InputError
-from voxjax.ops import neighbourhood as module
-from voxjax.ops.neighbourhood import ball_sums, neighbourhood
+from voxjax.ops.surface import neighbourhood as module
+from voxjax.ops.surface.neighbourhood import ball_sums, neighbourhood
 
 _SHAPE = (9, 12, 7)
 

@@ -8,8 +8,8 @@ from oracles.raycast import crossed_by_clipping
 from voxjax import VoxelGrid
 from voxjax._checks import InputError
 from voxjax._types import FREE, OCCUPIED, UNKNOWN
-from voxjax.ops import raycast
-from voxjax.ops.raycast import crossed_voxels, grid_from_points, mark_crossed_voxels
+from voxjax.ops.resampling import raycast
+from voxjax.ops.resampling.raycast import crossed_voxels, grid_from_points, mark_crossed_voxels
 
 SHAPE = (9, 7, 5)
 ROUNDING = 1e-4  # voxels: float32 may give or withhold a voxel that the ray only touches

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from oracles import resampling as oracle
 from voxjax import InputError
-from voxjax.ops.interpolate import resample_nearest
-from voxjax.ops.resample import resample_rigid, source_from_target
+from voxjax.ops.resampling.interpolate import resample_nearest
+from voxjax.ops.resampling.rigid import resample_rigid, source_from_target
 
 SIZE = 0.1
 CUBE_ROTATIONS = [

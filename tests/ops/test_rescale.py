@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from oracles import resampling as oracle
 from voxjax import InputError
-from voxjax.ops.rescale import rescale_states
+from voxjax.ops.resampling.rescale import rescale_states
 
 ORIGIN = np.array([-0.4, 0.8, 1.2], np.float32)
 

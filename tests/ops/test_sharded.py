@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from oracles import sliding_window
 from voxjax._checks import InputError
-from voxjax.ops.sharded import gather_shards, map_shards, shard_grid
-from voxjax.ops.window import box_count, count_change
+from voxjax.ops.large.sharded import gather_shards, map_shards, shard_grid
+from voxjax.ops.window.classes import box_count, count_change
 
 WORKER = Path(__file__).parent / "sharded_worker.py"
 COUNT_5 = functools.partial(box_count, size=5)

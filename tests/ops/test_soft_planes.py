@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from oracles import soft_planes as oracle
 from voxjax._checks import InputError
-from voxjax.ops.moments import surface_moments
-from voxjax.ops.neighbourhood import neighbourhood
-from voxjax.ops.soft_planes import soft_planes
+from voxjax.ops.surface.moments import surface_moments
+from voxjax.ops.surface.neighbourhood import neighbourhood
+from voxjax.ops.surface.soft_planes import soft_planes
 
 
 def _wall(seed=0, shape=(14, 12, 11)):

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from oracles import sliding_window
 from voxjax._checks import InputError
-from voxjax.ops.tiles import map_tiles, tiles_of
-from voxjax.ops.window import box_count, count_change
+from voxjax.ops.large.tiles import map_tiles, tiles_of
+from voxjax.ops.window.classes import box_count, count_change
 
 COUNT_5 = functools.partial(box_count, size=5)
 

@@ -7,7 +7,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from oracles import sliding_window
-from voxjax.ops.window import count_change, count_steady_directions, shift_directions, window_classes
+from voxjax.ops.window.classes import (
+    count_change,
+    count_steady_directions,
+    shift_directions,
+    window_classes,
+)
 
 
 def _random(shape, share=0.3, seed=0):

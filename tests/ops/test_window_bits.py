@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 
 from voxjax._checks import InputError
-from voxjax.ops.moments import surface_moments
-from voxjax.ops.packed_states import PackedStates, pack_on_host, pack_states
-from voxjax.ops.window_bits import ball_offsets, window_sums
+from voxjax.ops.surface.ball_sums import ball_offsets, window_sums
+from voxjax.ops.surface.moments import surface_moments
+from voxjax.ops.surface.packed_states import PackedStates, pack_on_host, pack_states
 
 _POWERS = [
     (0, 0, 0),
@@ -50,7 +50,7 @@ def test_sums_equal_those_over_the_voxels_of_the_ball(shape, density, size, marg
 
 def test_the_host_packs_views_and_many_slabs_alike(monkeypatch):
     states = np.random.default_rng(0).integers(0, 3, (9, 7, 30)).astype(np.uint8)
-    monkeypatch.setattr("voxjax.ops.packed_states._SLAB", 500)
+    monkeypatch.setattr("voxjax.ops.surface.packed_states._SLAB", 500)
     for view in (states[::2, 1:, 3:], np.asfortranarray(states), states.transpose(1, 2, 0)):
         on_host, on_device = pack_on_host(view, margin=3), pack_states(view, margin=3)
         index = np.argwhere(np.ones(view.shape)).astype(np.int32)

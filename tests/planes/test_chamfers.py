@@ -1,8 +1,7 @@
 import numpy as np
 
 from voxjax.planes.chamfers import drop_chamfers
-from voxjax.planes.neighbours import neighbour_pairs
-from voxjax.planes.surface import Surface
+from voxjax.planes.surface import Surface, neighbour_pairs
 
 UP = np.arange(20)
 

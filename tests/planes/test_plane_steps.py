@@ -12,9 +12,8 @@ from voxjax.planes.consolidate import drop_narrow, extend_segments, merge_segmen
 from voxjax.planes.extract import extract_planes
 from voxjax.planes.fit import fit_planes
 from voxjax.planes.grow import keep_large, segment_planes
-from voxjax.planes.neighbours import neighbour_pairs
 from voxjax.planes.reject import reject_corners
-from voxjax.planes.surface import Surface, find_surface
+from voxjax.planes.surface import Surface, find_surface, neighbour_pairs
 from voxjax.planes.triples import intersect_planes
 
 SIZE = 0.1

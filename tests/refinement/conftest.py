@@ -7,9 +7,9 @@ import pytest
 import voxjax as vx
 from oracles.motions import random_pose
 from oracles.rooms import VOXEL, furnished_room
-from voxjax.refinement.planes import Planes
-from voxjax.refinement.problem import PoseProblem
-from voxjax.registration.prepared import prepare_map
+from voxjax.maps.prepared import prepare_map
+from voxjax.refinement.residuals.planes import Planes
+from voxjax.refinement.solve.problem import PoseProblem
 
 
 @pytest.fixture(scope="session")

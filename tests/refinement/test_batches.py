@@ -9,13 +9,13 @@ import pytest
 import voxjax as vx
 from oracles.motions import nudged, pose_error
 from oracles.rooms import VOXEL
-from voxjax.refinement.pose import solve_pose
-from voxjax.refinement.problem import PoseProblem
-from voxjax.refinement.terms import Term
-from voxjax.registration.coarse_to_fine import coarse_factors
-from voxjax.registration.many_starts import solve_starts
-from voxjax.registration.problem import as_dtype, pose_problem
-from voxjax.registration.refine import refine
+from voxjax.refinement.maps.coarse_to_fine import coarse_factors
+from voxjax.refinement.maps.many_starts import solve_starts
+from voxjax.refinement.maps.pair import as_dtype, pose_problem
+from voxjax.refinement.refine import refine
+from voxjax.refinement.residuals.terms import Term
+from voxjax.refinement.solve.pose import solve_pose
+from voxjax.refinement.solve.problem import PoseProblem
 
 POINTS = 512
 

@@ -13,12 +13,12 @@ import voxjax as vx
 from oracles.motions import nudged
 from oracles.rooms import VOXEL
 from voxjax.fusion.rules import log_odds_of_states
-from voxjax.refinement.equations import move_about
-from voxjax.refinement.pairs import CornerPairs, Prior, tangent_between
-from voxjax.refinement.pose import solve_pose
-from voxjax.refinement.problem import PoseProblem
-from voxjax.registration.map_views import soft_map
-from voxjax.registration.problem import as_dtype, pose_problem
+from voxjax.refinement.maps.pair import as_dtype, pose_problem
+from voxjax.refinement.maps.views import soft_map
+from voxjax.refinement.residuals.pairs import CornerPairs, Prior, tangent_between
+from voxjax.refinement.solve.equations import move_about
+from voxjax.refinement.solve.pose import solve_pose
+from voxjax.refinement.solve.problem import PoseProblem
 
 POINTS = 512
 SCALES = np.asarray([1.0]) * VOXEL

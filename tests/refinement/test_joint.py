@@ -9,18 +9,18 @@ import pytest
 import voxjax as vx
 from oracles.motions import nudged, pose_error, random_pose
 from oracles.rooms import VOXEL, furnished_room
-from voxjax.refinement.equations import dense_equations, move_about
-from voxjax.refinement.joint import solve_joint
-from voxjax.refinement.joint_equations import JointEquations, dense_step, sparse_step
-from voxjax.refinement.joint_problem import JointProblem, edges_of
-from voxjax.refinement.losses import Loss
-from voxjax.refinement.pairs import CornerPairs
-from voxjax.refinement.problem import PoseProblem
-from voxjax.refinement.terms import Level
-from voxjax.registration.joint_maps import joint_problem
-from voxjax.registration.joint_pairs import connected_parts, overlapping_pairs
-from voxjax.registration.prepared import prepare_map
-from voxjax.registration.refine_joint import refine_joint
+from voxjax.maps.prepared import prepare_map
+from voxjax.refinement.maps.joint import joint_problem
+from voxjax.refinement.maps.joint_pairs import connected_parts, overlapping_pairs
+from voxjax.refinement.refine_joint import refine_joint
+from voxjax.refinement.residuals.losses import Loss
+from voxjax.refinement.residuals.pairs import CornerPairs
+from voxjax.refinement.residuals.terms import Level
+from voxjax.refinement.solve.equations import dense_equations, move_about
+from voxjax.refinement.solve.joint import solve_joint
+from voxjax.refinement.solve.joint_equations import JointEquations, dense_step, sparse_step
+from voxjax.refinement.solve.joint_problem import JointProblem, edges_of
+from voxjax.refinement.solve.problem import PoseProblem
 
 POINTS = 1024
 LOOP = [(0, 1), (1, 2), (3, 2), (0, 3)]
@@ -236,7 +236,7 @@ def test_many_maps_by_conjugate_gradients_end_where_few_maps_by_factors_do(monke
         problem, truth = corner_problem(np.random.default_rng(3), 5, [(0, 1), (1, 2), (2, 3), (3, 4), (4, 0)])
         scales = jnp.asarray([0.2])
         found = solve_joint(problem, jnp.asarray(truth), scales)
-        monkeypatch.setattr("voxjax.refinement.joint_equations.DENSE_MAPS", 2)
+        monkeypatch.setattr("voxjax.refinement.solve.joint_equations.DENSE_MAPS", 2)
         # Another number of steps, so that it is compiled anew.
         sparse = solve_joint(problem, jnp.asarray(truth), scales, max_level_steps=13)
         assert found.converged
@@ -248,7 +248,7 @@ def test_many_maps_by_conjugate_gradients_end_where_few_maps_by_factors_do(monke
 @pytest.mark.parametrize("direct_maps", [8, pytest.param(2, marks=pytest.mark.slow)])
 def test_derivatives_equal_finite_differences(monkeypatch, direct_maps):
     """Of the poses with respect to points and weights: forward and reverse, decomposed and by conjugate gradients."""
-    monkeypatch.setattr("voxjax.refinement.joint.DIRECT_MAPS", direct_maps)
+    monkeypatch.setattr("voxjax.refinement.solve.joint.DIRECT_MAPS", direct_maps)
     rng = np.random.default_rng(4)
     with jax.enable_x64(True):
         problem, truth = corner_problem(rng, 4, [(0, 1), (2, 1), (2, 0), (3, 0)], more=0)

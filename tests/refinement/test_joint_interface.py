@@ -11,16 +11,16 @@ import voxjax as vx
 from oracles.motions import moved, nudged, pose_error, random_pose
 from oracles.rooms import VOXEL
 from voxjax.fusion.rules import log_odds_of_states
-from voxjax.refinement.joint import solve_joint
-from voxjax.refinement.joint_equations import relative_pose
-from voxjax.refinement.pairs import CornerPairs, Prior
-from voxjax.refinement.terms import Level
-from voxjax.registration.joint_maps import joint_problem
-from voxjax.registration.joint_pairs import checked_terms, with_named
-from voxjax.registration.map_views import soft_map
-from voxjax.registration.prepared import prepare_map
-from voxjax.registration.problem import pose_problem
-from voxjax.registration.refine_joint import refine_joint
+from voxjax.maps.prepared import prepare_map
+from voxjax.refinement.maps.joint import joint_problem
+from voxjax.refinement.maps.joint_pairs import checked_terms, with_named
+from voxjax.refinement.maps.pair import pose_problem
+from voxjax.refinement.maps.views import soft_map
+from voxjax.refinement.refine_joint import refine_joint
+from voxjax.refinement.residuals.pairs import CornerPairs, Prior
+from voxjax.refinement.residuals.terms import Level
+from voxjax.refinement.solve.joint import solve_joint
+from voxjax.refinement.solve.joint_equations import relative_pose
 
 KINDS = {
     "planes": {"planes": 1.0},

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from oracles.rooms import VOXEL
-from voxjax.refinement.noise import implicit_covariance
-from voxjax.registration.problem import pose_problem
-from voxjax.registration.refine import refine
+from voxjax.refinement.maps.pair import pose_problem
+from voxjax.refinement.refine import refine
+from voxjax.refinement.solve.noise import implicit_covariance
 
 
 @pytest.fixture(scope="module")

@@ -11,12 +11,12 @@ from oracles.motions import moved, nudged
 from oracles.refinement import distance_from_plane, loss_of, trilinear
 from oracles.rooms import VOXEL
 from voxjax import rigid
-from voxjax.ops.nearest import NOTHING_NEAR, split_keys
-from voxjax.refinement.equations import move_about, pose_equations
-from voxjax.refinement.losses import robust_slope
-from voxjax.refinement.pairs import CornerPairs, Prior, tangent_between
-from voxjax.refinement.terms import Level, PointTerm
-from voxjax.registration.problem import pose_problem
+from voxjax.ops.evidence.nearest import NOTHING_NEAR, split_keys
+from voxjax.refinement.maps.pair import pose_problem
+from voxjax.refinement.residuals.losses import robust_slope
+from voxjax.refinement.residuals.pairs import CornerPairs, Prior, tangent_between
+from voxjax.refinement.residuals.terms import Level, PointTerm
+from voxjax.refinement.solve.equations import move_about, pose_equations
 
 KINDS = ["planes", "distances", "occupancies"]
 LEVEL = Level(jnp.float32(0.15), jnp.int32(0))

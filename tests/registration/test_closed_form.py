@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from oracles.matching import horn_alignment
 from oracles.motions import moved, pose_error, random_pose
-from voxjax.registration.closed_form import align_points, is_degenerate
+from voxjax.registration.hypotheses.closed_form import align_points, is_degenerate
 
 
 @settings(max_examples=40, deadline=None)

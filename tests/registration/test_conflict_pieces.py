@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from small_worlds import FURNITURE, draw_map, pose
-from voxjax.registration.conflict_pieces import MIN_AREA, piece_area, weigh_pieces
-from voxjax.registration.leaders import Leaders, judge_poses
-from voxjax.registration.prepared import prepare_map
+from voxjax.maps.prepared import prepare_map
+from voxjax.registration.judging.conflict_pieces import MIN_AREA, piece_area, weigh_pieces
+from voxjax.registration.judging.leaders import Leaders, judge_poses
 
 T_MAP_WORLD = pose(yaw=33.0, tilt=12.0, translation=(3.0, -2.0, 1.0))
 

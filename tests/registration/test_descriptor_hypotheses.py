@@ -3,7 +3,7 @@ import pytest
 
 from voxjax import InputError, VoxelGrid
 from voxjax.matching.descriptors import describe_map
-from voxjax.registration.descriptor_hypotheses import descriptor_hypotheses
+from voxjax.registration.hypotheses.descriptors import descriptor_hypotheses
 
 VOXEL = 0.1
 

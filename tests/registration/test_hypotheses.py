@@ -4,15 +4,16 @@ import numpy as np
 import pytest
 
 from small_worlds import OTHER_FURNITURE, OTHER_ROOMS, draw_map, pose
+from voxjax.maps.prepared import prepare_map
 from voxjax.metrics import pose_error
-from voxjax.ops.evidence import HIT
-from voxjax.ops.nearest import split_keys
-from voxjax.registration.corner_hypotheses import corner_frames, frame_poses, subgraph_poses
-from voxjax.registration.exhaustive import exhaustive_hypotheses, upright_frame
-from voxjax.registration.leaders import distinct_poses, find_leaders, inverse_poses, judge_poses, rank_poses
-from voxjax.registration.map_features import map_features
-from voxjax.registration.prepared import prepare_map
-from voxjax.registration.rotations import rotation_hypotheses
+from voxjax.ops.evidence.nearest import split_keys
+from voxjax.ops.evidence.scoring import HIT
+from voxjax.registration.hypotheses.corners import corner_frames, frame_poses, subgraph_poses
+from voxjax.registration.hypotheses.exhaustive import exhaustive_hypotheses, upright_frame
+from voxjax.registration.hypotheses.map_features import map_features
+from voxjax.registration.hypotheses.ranking import distinct_poses, inverse_poses, rank_poses
+from voxjax.registration.hypotheses.rotations import rotation_hypotheses
+from voxjax.registration.judging.leaders import find_leaders, judge_poses
 
 T_MAP_WORLD = pose(yaw=33.0, tilt=12.0, translation=(3.0, -2.0, 1.0))
 

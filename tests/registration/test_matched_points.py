@@ -6,7 +6,7 @@ from oracles.motions import nudged, pose_error, random_pose
 from oracles.rooms import VOXEL, furnished_room
 from voxjax import VoxelGrid
 from voxjax.matching.common_subgraph import kabsch
-from voxjax.registration.matched_points import NeighbouringPoints, align_matches, fit_points
+from voxjax.registration.paper.matched_points import NeighbouringPoints, align_matches, fit_points
 
 CORNERS = np.array(
     [[1.2, 0.9, 1.0], [3.0, 1.2, 1.6], [3.8, 3.0, 2.0], [2.2, 1.8, 0.9], [0.2, 0.2, 0.2], [5.2, 4.2, 0.2]]

@@ -5,8 +5,8 @@ import voxjax as vx
 from corner_lists import corners_at
 from oracles.motions import moved, pose_error, random_pose
 from oracles.rooms import VOXEL, furnished_room
-from voxjax.registration import paper
-from voxjax.registration.paper import register_paper
+from voxjax.registration.paper import register as paper
+from voxjax.registration.paper.register import register_paper
 
 BOX_CORNERS = np.array(
     [

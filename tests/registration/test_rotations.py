@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from voxjax.registration.rotations import (
+from voxjax.registration.hypotheses.rotations import (
     distinct_rotations,
     dominant_directions,
     pair_rotations,

@@ -3,7 +3,7 @@ import numpy as np
 from oracles.matching import fused_voxels
 from oracles.motions import moved, random_pose
 from voxjax import VoxelGrid
-from voxjax.registration.tie_break import count_fused_voxels, select_scheme
+from voxjax.registration.paper.tie_break import count_fused_voxels, select_scheme
 
 
 def random_grid(seed, shape=(9, 8, 7)):

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from voxjax.registration.conflict_pieces import evidence, rivals
-from voxjax.registration.leaders import Judgement
-from voxjax.registration.verdict import decide, probabilities, support
+from voxjax.registration.judging.conflict_pieces import evidence, rivals
+from voxjax.registration.judging.leaders import Judgement
+from voxjax.registration.judging.verdict import decide, probabilities, support
 
 BOUNDS: dict[str, Any] = {
     "min_confidence": 0.85,

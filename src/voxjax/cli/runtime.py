@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TextIO
 
 from .._checks import InputError
-from .._compilation_cache import PROGRAMS, keep_quickly_compiled_kernels, use_compilation_cache
+from .._runtime.compilation_cache import PROGRAMS, keep_quickly_compiled_kernels, use_compilation_cache
 
 _UNREADABLE = re.compile(r"Error reading persistent compilation cache entry for '([^']+)'")
 _UNWRITTEN = re.compile(r"Error writing persistent compilation cache entry for '[^']+': (.+)", re.DOTALL)
@@ -48,7 +48,7 @@ def kept_kernels() -> Iterator[None]:
 
 def _keep_programs(folder: Path) -> None:
     """Keep programs in a folder, or say why not."""
-    from .._programs import keep_programs
+    from .._runtime.programs import keep_programs
 
     try:
         keep_programs(folder)

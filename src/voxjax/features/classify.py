@@ -5,7 +5,7 @@ from jaxtyping import UInt8
 
 from .._checks import InputError
 from .._types import Array
-from ..ops.window import Occupied, window_classes
+from ..ops.window.classes import Occupied, window_classes
 
 EMPTY, FLAT, EDGE, CORNER = 0, 1, 2, 3
 

@@ -4,8 +4,8 @@ from typing import Literal
 
 import numpy as np
 
-from .._buckets import bucket_size, pad_rows
 from .._checks import check_choice, check_positive
+from .._runtime.buckets import bucket_size, pad_rows
 from ..grid import VoxelGrid
 from ..planes.extract import PlaneMap, extract_planes
 from ..planes.triples import PlaneTriples, intersect_planes

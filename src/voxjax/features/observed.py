@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int32
 
 from ..grid import VoxelGrid
-from ..ops.faces import OCTANT_SIGNS, corner_faces
+from ..ops.surface.faces import OCTANT_SIGNS, corner_faces
 
 _BITS = (1, 2, 4)
 

@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._checks import InputError, check_choice, check_pose, check_positive
-from .._memory import check_memory
+from .._runtime.memory import check_memory
 from ..grid import VoxelGrid
-from ..ops.lattice import check_num_voxels, moved_bounds, origin_of_cell
-from ..ops.resample import chunk_size, flat_source, lookup_chunk, source_from_target, take_flat
+from ..ops.resampling.lattice import check_num_voxels, moved_bounds, origin_of_cell
+from ..ops.resampling.rigid import chunk_size, flat_source, lookup_chunk, source_from_target, take_flat
 from .rules import RULES, fuse_keep, fuse_log_odds, fuse_paper, log_odds_of_states
 from .soft import Lattice, check_soft_pose, fuse_soft, is_traced, soft_fuse_memory
 

@@ -12,9 +12,9 @@ from jaxtyping import Float
 from .._checks import InputError, check_pose
 from .._types import FREE, OCCUPIED, UNKNOWN, Array
 from ..grid import VoxelGrid
-from ..ops.interpolate import backward_affine, resample_nearest, resample_trilinear
-from ..ops.lattice import moved_bounds, origin_in_voxels
-from ..ops.resample import source_from_target
+from ..ops.resampling.interpolate import backward_affine, resample_nearest, resample_trilinear
+from ..ops.resampling.lattice import moved_bounds, origin_in_voxels
+from ..ops.resampling.rigid import source_from_target
 from .rules import log_odds_of_states
 
 

@@ -14,10 +14,10 @@ from .._types import Array
 from ..features.types import Corners
 from .backtracking import MAX_SEARCH_NODES as MAX_BACKTRACKING_NODES
 from .backtracking import Extend, backtrack
-from .clique import MAX_SEARCH_NODES as MAX_CLIQUE_NODES
-from .clique import maximum_clique
+from .cliques.maximum import MAX_SEARCH_NODES as MAX_CLIQUE_NODES
+from .cliques.maximum import maximum_clique
+from .cliques.weighted import maximum_weight_clique
 from .consistency import DISTANCE_TOLERANCE, ConsistencyGraph, consistency_graph
-from .weighted_clique import maximum_weight_clique
 
 Align = Callable[[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]], Float[np.ndarray, "4 4"]]
 """Transform `T_a_b` of matched points (of a, of b)."""

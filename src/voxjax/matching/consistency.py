@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int32
 
-from .._buckets import pad_rows, wide_bucket_size
 from .._checks import InputError, check_positive
+from .._runtime.buckets import pad_rows, wide_bucket_size
 from .._types import Array
 from ..features.types import Corners
 from .associations import all_associations, check_associations, same_kind

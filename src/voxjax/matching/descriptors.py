@@ -9,15 +9,15 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.ndimage import uniform_filter
 
-from .._buckets import bucket_size, pad_rows
 from .._checks import InputError, check_positive
-from .._tables import on_cpu
-from .._threads import spread
+from .._runtime.buckets import bucket_size, pad_rows
+from .._runtime.tables import on_cpu
+from .._runtime.threads import spread
 from .._types import FREE, Array
 from ..grid import VoxelGrid
-from ..ops.descriptor import point_feature_histograms, surface_normals
-from ..ops.descriptor_match import mutual_nearest
-from ..ops.descriptor_tiles import near_tiles, padded_tiles, point_tree
+from ..ops.descriptors.fpfh import point_feature_histograms, surface_normals
+from ..ops.descriptors.match import mutual_nearest
+from ..ops.descriptors.tiles import near_tiles, padded_tiles, point_tree
 
 SPACING_IN_VOXELS = 2.5
 """Working spacing over the map's voxel size; averages the steps of the lattice away."""

@@ -1,24 +1,24 @@
 """Kernels on dense grids, on listed voxels, on blocks, tiles and device meshes; pure functions of arrays."""
 
-from .align import align_poses
-from .block_choice import box_count_at
-from .block_words import pack_words
-from .blocks import count_in_blocks, cut_blocks, dense_from_blocks, list_blocks, take_from_blocks
-from .box import box_count
-from .compact import occupied_indices
+from .blocks.choice import box_count_at
+from .blocks.compact import occupied_indices
+from .blocks.counts import count_in_blocks, cut_blocks, dense_from_blocks, list_blocks, take_from_blocks
+from .blocks.words import pack_words
 from .components import connected_components, grow_regions, label_voxels
-from .descriptor import point_feature_histograms, surface_normals
-from .descriptor_match import mutual_nearest
-from .descriptor_tiles import near_tiles, point_tree
+from .descriptors.fpfh import point_feature_histograms, surface_normals
+from .descriptors.match import mutual_nearest
+from .descriptors.tiles import near_tiles, point_tree
 from .distance import distance_field
 from .eigen import eigen_by_columns, symmetric_eigen
-from .evidence import evidence_codes, score_poses, surface_evidence
-from .interpolate import backward_affine, resample_nearest, resample_trilinear
-from .moments import surface_moments
-from .nearest import nearest_field, split_keys
-from .sharded import gather_shards, map_shards, shard_grid
-from .tiles import map_tiles
-from .window import count_change, count_steady_directions, window_classes
+from .evidence.align import align_poses
+from .evidence.nearest import nearest_field, split_keys
+from .evidence.scoring import evidence_codes, score_poses, surface_evidence
+from .large.sharded import gather_shards, map_shards, shard_grid
+from .large.tiles import map_tiles
+from .resampling.interpolate import backward_affine, resample_nearest, resample_trilinear
+from .surface.moments import surface_moments
+from .window.box import box_count
+from .window.classes import count_change, count_steady_directions, window_classes
 
 __all__ = [
     "align_poses",

@@ -17,8 +17,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int32
 from scipy import ndimage
 
-from .._buckets import bucket_size, pad_rows
 from .._checks import InputError, check_choice
+from .._runtime.buckets import bucket_size, pad_rows
 from .._types import Array
 
 _RowsOf = Callable[[Array], list[tuple[Array, Array]]]

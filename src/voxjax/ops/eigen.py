@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .._tables import on_cpu
+from .._runtime.tables import on_cpu
 from .._types import Array
 
 _PIECE = 8192

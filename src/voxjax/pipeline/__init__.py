@@ -1,1 +1,5 @@
-"""voxjax.pipeline."""
+"""The verbs of voxjax: `register`, `register_batch` and `merge`, with their settings and the report.
+
+This package is the only one that sees all stages and the only place where settings meet them. Start at `pair.register`,
+which reads as the algorithm.
+"""

@@ -5,7 +5,7 @@ from typing import Any
 
 from .._checks import InputError
 from ..grid import VoxelGrid
-from ..registration.map_features import MapFeatures
+from ..registration.hypotheses.map_features import MapFeatures
 from ..registration.types import Registration
 from .config import Config, config_from
 from .pair import prepare, register, register_prepared, working_voxel_size

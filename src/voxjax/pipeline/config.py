@@ -15,7 +15,7 @@ class MapConfig:
         voxel_size: Working voxel size [m]; 0 takes the coarser map's, and brings maps finer than 0.075 m to about
             0.1 m: the evidence bounds are lengths that belong to the accuracy of maps, not numbers of voxels.
         infer_free_space: Take what surfaces enclose for free in a map that records no free space
-            (`registration/inferred_space.py`). Fusion never uses it.
+            (`maps/inferred_space.py`). Fusion never uses it.
     """
 
     voxel_size: float = 0.0
@@ -68,7 +68,7 @@ class LeaderConfig:
 
 @dataclasses.dataclass(frozen=True)
 class VerdictConfig:
-    """When a pose is accepted; the model is in `registration/verdict.py`.
+    """When a pose is accepted; the model is in `registration/judging/verdict.py`.
 
     Attributes:
         min_confidence: Least probability of an accepted pose.

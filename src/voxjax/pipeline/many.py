@@ -11,11 +11,11 @@ import equinox as eqx
 import numpy as np
 
 from .._checks import InputError
-from .._threads import spread
+from .._runtime.threads import spread
 from ..fusion.fuse import fuse
 from ..grid import VoxelGrid
 from ..metrics import pose_error
-from ..registration.map_features import LateFeatures
+from ..registration.hypotheses.map_features import LateFeatures
 from ..registration.types import Registration
 from .config import Config, config_from
 from .memory_need import check_register_memory

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._memory import GIGABYTE, check_memory, memory_limit
+from .._runtime.memory import GIGABYTE, check_memory, memory_limit
 from .._types import OCCUPIED
 from ..grid import VoxelGrid
 
@@ -54,7 +54,7 @@ def check_register_memory(grids: Sequence[VoxelGrid], voxel_size: float) -> None
         voxel_size: At which they are compared [m].
 
     Raises:
-        InputError: If they need more than there is (see `voxjax._memory.check_memory`).
+        InputError: If they need more than there is (see `voxjax._runtime.memory.check_memory`).
     """
     limit = memory_limit()
     if limit is None:

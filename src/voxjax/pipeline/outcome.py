@@ -3,9 +3,9 @@
 import numpy as np
 
 from .._results import RESULTS
-from ..registration.leaders import Judgement
+from ..registration.judging.leaders import Judgement
+from ..registration.judging.verdict import support
 from ..registration.types import Evidence, Registration
-from ..registration.verdict import support
 
 
 def nothing_found(reason: str, result: RESULTS) -> Registration:

@@ -8,17 +8,17 @@ from typing import Any, Literal
 import numpy as np
 
 from .._checks import InputError, check_choice, check_pose, check_positive
-from .._mappings import release_kernels_if_crowded
 from .._results import RESULTS
-from .._threads import spread
+from .._runtime.mappings import release_kernels_if_crowded
+from .._runtime.threads import spread
 from ..grid import VoxelGrid
-from ..registration.conflict_pieces import evidence
-from ..registration.leaders import Leaders
-from ..registration.map_features import FREE_SPACE, MapFeatures, map_features
-from ..registration.paper import register_paper
-from ..registration.refine import refine
+from ..refinement.refine import refine
+from ..registration.hypotheses.map_features import FREE_SPACE, MapFeatures, map_features
+from ..registration.judging.conflict_pieces import evidence
+from ..registration.judging.leaders import Leaders
+from ..registration.judging.verdict import Finding, decide, probabilities
+from ..registration.paper.register import register_paper
 from ..registration.types import Hypothesis, Registration
-from ..registration.verdict import Finding, decide, probabilities
 from .config import Config, config_from
 from .memory_need import check_register_memory
 from .outcome import evidence_of, nothing_found, with_stats

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..registration.conflict_pieces import weigh_pieces
-from ..registration.leaders import Leaders, find_leaders, merge_leaders
-from ..registration.map_features import MapFeatures
-from ..registration.proposals import ProposalCollector
+from ..registration.hypotheses.map_features import MapFeatures
+from ..registration.hypotheses.proposals import ProposalCollector
+from ..registration.judging.conflict_pieces import weigh_pieces
+from ..registration.judging.leaders import Leaders, find_leaders, merge_leaders
 from .config import Config
 
 

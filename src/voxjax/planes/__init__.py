@@ -1,1 +1,4 @@
-"""Planes of a map: growing, consolidating, fitting."""
+"""Planes of a map: surface elements, regions grown from the flattest, fits, and corners that the fits reject.
+
+This package is for `features`. Start at `extract.extract_planes`.
+"""

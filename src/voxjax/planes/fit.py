@@ -10,7 +10,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Bool, Float, Float32, Int32
 
-from .._buckets import pad_rows, wide_bucket_size
+from .._runtime.buckets import pad_rows, wide_bucket_size
 from .._types import Array
 from ..ops.eigen import symmetric_eigen
 

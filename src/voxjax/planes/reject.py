@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int32
 from scipy.spatial import KDTree
 
-from .._buckets import pad_rows, wide_bucket_size
+from .._runtime.buckets import pad_rows, wide_bucket_size
 from .._types import Array
 
 NUM_CANDIDATES = 6

@@ -1,21 +1,21 @@
 """Poses that minimise residuals between maps, with derivatives of what the solution depends on.
 
 Everything here is pure functions of arrays, safe under jit, vmap and grad; what is decided on the host (which voxels,
-which fields) is in `voxjax.registration.problem`.
+which fields) is in `voxjax.refinement.maps.pair`.
 """
 
-from .covariance import pose_covariance
-from .distance import Distances
-from .joint import solve_joint
-from .joint_problem import JointProblem
-from .losses import Loss
-from .noise import implicit_covariance
-from .occupancy import Occupancies
-from .pairs import CornerPairs, Prior
-from .planes import Planes, Sample, Surface
-from .pose import RefinedPose, solve_pose
-from .problem import PoseProblem
-from .terms import Level, PointTerm, Term
+from .residuals.distance import Distances
+from .residuals.losses import Loss
+from .residuals.occupancy import Occupancies
+from .residuals.pairs import CornerPairs, Prior
+from .residuals.planes import Planes, Sample, Surface
+from .residuals.terms import Level, PointTerm, Term
+from .solve.covariance import pose_covariance
+from .solve.joint import solve_joint
+from .solve.joint_problem import JointProblem
+from .solve.noise import implicit_covariance
+from .solve.pose import RefinedPose, solve_pose
+from .solve.problem import PoseProblem
 
 __all__ = [
     "CornerPairs",

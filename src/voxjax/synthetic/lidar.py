@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .._buckets import bucket_size, pad_rows
+from .._runtime.buckets import bucket_size, pad_rows
 from .building import Building
 from .prisms import Prisms, cast_rays, join_prisms, make_prisms, rectangle
 

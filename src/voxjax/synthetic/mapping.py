@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._buckets import bucket_size
+from .._runtime.buckets import bucket_size
 from .._types import FREE, OCCUPIED, UNKNOWN
 from ..grid import VoxelGrid
-from ..ops.raycast import crossed_voxels
+from ..ops.resampling.raycast import crossed_voxels
 from .lidar import Scan
 
 _HIT, _MISS = np.float32(0.85), np.float32(-0.4)

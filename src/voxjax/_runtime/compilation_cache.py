@@ -1,0 +1,71 @@
+"""Compiled kernels that outlive the process: JAX's persistent compilation cache, in a folder of the user."""
+
+import os
+import tempfile
+from pathlib import Path
+
+from .._checks import InputError
+
+PROGRAMS = "programs"
+"""Folder in that of the kernels, for what they are found by (`_programs`)."""
+
+
+def default_cache_folder() -> Path:
+    """Where the command line keeps compiled kernels: `voxjax/xla` in the user's cache folder.
+
+    Raises:
+        InputError: If the user has neither a home nor `XDG_CACHE_HOME`.
+    """
+    base = os.environ.get("XDG_CACHE_HOME")
+    try:
+        return (Path(base) if base else Path.home() / ".cache") / "voxjax" / "xla"
+    except RuntimeError as error:
+        raise InputError("compiled kernels cannot be kept: the user has no home; name a folder.") from error
+
+
+def keep_quickly_compiled_kernels() -> None:
+    """Let JAX's cache keep kernels however fast they compiled, unless the environment sets thresholds.
+
+    Most compile in less than JAX's threshold of one second, and together they take many.
+    """
+    import jax
+
+    for name, value in (("min_compile_time_secs", 0.0), ("min_entry_size_bytes", -1)):
+        if f"JAX_PERSISTENT_CACHE_{name.upper()}" not in os.environ:
+            jax.config.update(f"jax_persistent_cache_{name}", value)
+
+
+def use_compilation_cache(folder: str | os.PathLike | None = None) -> Path:
+    """Keep all kernels that this process compiles and the programs that it traces, and load what earlier ones kept.
+
+    The library keeps nothing unless this is called; the command line calls it. JAX asks for kernels by their programs,
+    the version, the device and the features of the processor, so what has changed is compiled anew. It compiles anew,
+    too, what it finds damaged, with a warning. Call it before the first kernel runs.
+
+    Args:
+        folder: Made if missing. None is the folder of the command line: `$XDG_CACHE_HOME/voxjax/xla`, or
+            `~/.cache/voxjax/xla`. Whoever can write there can run code here, so share it with nobody.
+
+    Returns:
+        The folder.
+
+    Raises:
+        InputError: If the folder cannot be made or written.
+    """
+    import jax
+
+    from .programs import keep_programs
+
+    path = default_cache_folder() if folder is None else Path(folder)
+    try:
+        (path / PROGRAMS).mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):
+            pass
+    except OSError as error:
+        raise InputError(
+            f"compiled kernels cannot be kept in {path}: {error.strerror}; name another folder."
+        ) from error
+    jax.config.update("jax_compilation_cache_dir", str(path))
+    keep_quickly_compiled_kernels()
+    keep_programs(path / PROGRAMS)  # last, as it loads kernels
+    return path

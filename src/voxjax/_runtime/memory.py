@@ -1,0 +1,130 @@
+"""How much memory there is, and a refusal before the work where it will not do: a killed process explains nothing."""
+
+import math
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from .._checks import InputError
+
+GIGABYTE = 1e9
+
+_OWN_GROUP = ("memory.max", "memory.current", "inactive_file")
+_OWN_GROUP_V1 = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
+
+
+def available_memory(root: Path = Path("/")) -> int | None:
+    """Memory that this process may still take [byte]; None where the system does not say.
+
+    On Linux the least of what the machine has left, free swap included, and what each control group (container) leaves
+    of its limit; elsewhere the machine's free memory, or all of it where that is all that is known.
+
+    Args:
+        root: Where the system's own files are found.
+    """
+    machine = _machine_memory(root)
+    bounds = [*_group_memory(root), *([] if machine is None else [machine])]
+    return max(min(bounds), 0) if bounds else None
+
+
+def check_memory(need: float, what: str, advice: str) -> None:
+    """Raise if something needs more memory than there is.
+
+    The environment variable `VOXJAX_MEMORY` overrides what there is: a number of gigabytes, or "off" for no check.
+
+    Args:
+        need: Memory that it takes beside what is taken already [byte].
+        what: What needs it, the subject of the sentence.
+        advice: What to do instead.
+
+    Raises:
+        InputError: If there is less, or `VOXJAX_MEMORY` is neither.
+    """
+    limit = memory_limit()
+    if limit is not None and need > limit:
+        raise InputError(
+            f"{what} needs about {need / GIGABYTE:.3g} GB of memory and {limit / GIGABYTE:.3g} GB are available; "
+            f"{advice}; VOXJAX_MEMORY=off skips this check."
+        )
+
+
+def memory_limit() -> float | None:
+    """Memory that work may take [byte]: what `VOXJAX_MEMORY` says, else what host and device have; None for no limit.
+
+    Raises:
+        InputError: If `VOXJAX_MEMORY` is no number of gigabytes above 0 and not "off".
+    """
+    setting = os.environ.get("VOXJAX_MEMORY", "")
+    if setting == "off":
+        return None
+    if setting:
+        return _gigabytes(setting) * GIGABYTE
+    bounds = [bound for bound in (available_memory(), device_memory()) if bound is not None]
+    return float(min(bounds)) if bounds else None
+
+
+def device_memory() -> int | None:
+    """Memory left on the default accelerator [byte]; None on a CPU and where the device does not say."""
+    import jax
+
+    device = jax.local_devices()[0]
+    stats = None if device.platform == "cpu" else device.memory_stats()
+    if not stats or "bytes_limit" not in stats:
+        return None
+    return stats["bytes_limit"] - stats.get("bytes_in_use", 0)
+
+
+def _gigabytes(setting: str) -> float:
+    try:
+        number = float(setting)
+    except ValueError:
+        number = math.nan
+    if not 0.0 < number < math.inf:
+        raise InputError(f"VOXJAX_MEMORY must be a number of gigabytes above 0, or off, got {setting!r}.")
+    return number
+
+
+def _machine_memory(root: Path) -> int | None:
+    kilobytes = _numbers(root / "proc/meminfo")
+    if "MemAvailable:" in kilobytes:
+        return 1024 * (kilobytes["MemAvailable:"] + kilobytes.get("SwapFree:", 0))
+    for name in ("SC_AVPHYS_PAGES", "SC_PHYS_PAGES"):
+        if name in getattr(os, "sysconf_names", {}):
+            return os.sysconf(name) * os.sysconf("SC_PAGE_SIZE")
+    return None
+
+
+def _group_memory(root: Path) -> Iterator[int]:
+    """What the control groups of this process leave: its own and all above, which bound it too."""
+    try:
+        lines = (root / "proc/self/cgroup").read_text().splitlines()
+    except OSError:
+        return
+    for line in lines:
+        _, controllers, path = line.split(":", 2)
+        if controllers == "":
+            yield from _limits(root / "sys/fs/cgroup", path, *_OWN_GROUP)
+        elif "memory" in controllers.split(","):
+            yield from _limits(root / "sys/fs/cgroup/memory", path, *_OWN_GROUP_V1)
+
+
+def _limits(mount: Path, path: str, limit: str, usage: str, reclaimable: str) -> Iterator[int]:
+    group = mount / path.lstrip("/")
+    for folder in (group, *group.parents):
+        if not folder.is_relative_to(mount):
+            return
+        try:
+            most, used = int((folder / limit).read_text()), int((folder / usage).read_text())
+        except (OSError, ValueError):  # no such group here, or its limit is "max"
+            continue
+        # Cached files count as used, and are given up first.
+        yield most - used + _numbers(folder / "memory.stat").get(reclaimable, 0)
+
+
+def _numbers(path: Path) -> dict[str, int]:
+    """First two words of each line of a file: a name and a whole number; empty if there is no such file."""
+    try:
+        rows = [line.split() for line in path.read_text().splitlines()]
+    except OSError:
+        return {}
+    return {row[0]: int(row[1]) for row in rows if len(row) > 1 and row[1].isdecimal()}

@@ -1,0 +1,60 @@
+"""Files of kept programs: their names, and reading and writing them whole or not at all."""
+
+import contextlib
+import functools
+import hashlib
+import importlib.metadata
+import os
+import tempfile
+import warnings
+from pathlib import Path
+
+NAME, ENDING = 32, ".program"
+"""Of a file: length of each of the two digests in its name, and what comes after them."""
+
+_TRACED_BY = ("voxjax", "jax", "jaxlib", "numpy", "equinox", "lineax", "optimistix")
+_DIGEST = hashlib.sha256().digest_size
+
+
+@functools.cache
+def version_digest() -> str:
+    """What traces programs: versions of packages, and sizes and times of this package's files, which are edited."""
+    found = [f"{name} {importlib.metadata.version(name)}" for name in _TRACED_BY]
+    root = Path(__file__).parents[1]
+    for path in sorted(root.rglob("*.py")):
+        status = path.stat()
+        found.append(f"{path.relative_to(root)} {status.st_size} {status.st_mtime_ns}")
+    return hashlib.sha256("\n".join(found).encode()).hexdigest()[:NAME]
+
+
+def read_whole(path: Path) -> bytes | None:
+    """Content of a file that was written whole, else None."""
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        warnings.warn(f"a kept program cannot be read: {error}; it is traced again.", stacklevel=2)
+        return None
+    is_whole = hashlib.sha256(content[_DIGEST:]).digest() == content[:_DIGEST]
+    return content[_DIGEST:] if is_whole else None
+
+
+def mark_as_used(path: Path) -> None:
+    """Set the time of a file, by which the next process knows what to load first."""
+    with contextlib.suppress(OSError):  # a folder that cannot be written serves as well
+        os.utime(path)
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file whole or not at all; what cannot be written is traced again by the next process."""
+    temporary = None
+    try:
+        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as file:
+            temporary = file.name
+            file.write(hashlib.sha256(content).digest() + content)
+        os.replace(temporary, path)
+    except OSError as error:
+        warnings.warn(f"programs cannot be kept in {path.parent}: {error}.", stacklevel=2)
+        if temporary is not None:
+            Path(temporary).unlink(missing_ok=True)

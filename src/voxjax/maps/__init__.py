@@ -1,0 +1,4 @@
+"""One map made ready for all its pairs: fields of the nearest surface, evidence codes, normals and inferred free space.
+
+This package is for the stages that compare two maps, refinement and registration. Start at `prepared.prepare_map`.
+"""

@@ -1,0 +1,47 @@
+"""Free space of maps that record none, from what encloses it.
+
+A cloud of points says where surfaces are, not where the sensor saw through. But surfaces were seen from somewhere: a
+place with surfaces near it in most directions lies inside the room that they bound, and is free as a rule. On generated
+buildings stripped of their free space 97 to 99 % of what is inferred had been seen to be free
+(`python -m bench inferred_space`). Places with open sides are left unknown. Half a scan gets too little to be of use
+(`map_features.MIN_INFERRED`), and the evidence degrades to hits alone.
+"""
+
+import numpy as np
+
+from .._types import FREE, OCCUPIED, UNKNOWN
+from ..grid import VoxelGrid
+from ..ops.surface.enclosure import enclosing_directions
+
+REACH = 12.0
+"""Length of the rays [m]: across a hall, not across a building."""
+
+MIN_DIRECTIONS = 20
+"""Of 26 directions so many must meet a surface."""
+
+CELL = 2
+"""Voxels that a cell is wide: an eighth of the work, and rays do not slip through surfaces one voxel thin."""
+
+
+def infer_free_space(grid: VoxelGrid) -> VoxelGrid:
+    """The map with enclosed unknown voxels made free.
+
+    Args:
+        grid: Any map; what it knows stays as it is.
+
+    Returns:
+        A map of the same shape, origin and voxel size.
+    """
+    states = np.asarray(grid.states)
+    cells = tuple(-(-n // CELL) for n in states.shape)
+    wide = np.zeros(tuple(CELL * n for n in cells), bool)
+    wide[tuple(slice(0, n) for n in states.shape)] = states == OCCUPIED
+    blocks = wide.reshape(cells[0], CELL, cells[1], CELL, cells[2], CELL)
+    occupied = np.asarray(blocks.any(axis=(1, 3, 5)))
+    enclosed = enclosing_directions(occupied, reach=REACH / (CELL * grid.voxel_size)) >= MIN_DIRECTIONS
+    for axis in range(3):
+        enclosed = np.repeat(enclosed, CELL, axis=axis)
+    enclosed = enclosed[tuple(slice(0, n) for n in states.shape)]
+    return VoxelGrid(
+        np.where(enclosed & (states == UNKNOWN), np.uint8(FREE), states), grid.origin, grid.voxel_size
+    )

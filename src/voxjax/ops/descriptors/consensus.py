@@ -1,0 +1,181 @@
+"""Agreement of point matches: which pairs fit one rigid motion, greedy cliques of those that do, and poses.
+
+A match is a point with a normal in each of two maps. Two matches agree when the distance of their points, the
+angle of their normals and the angles of each normal with the line between them are the same in both maps.
+"""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..._types import Array
+
+
+@partial(jax.jit, static_argnames=("chunk",))
+def agreement_matrix(
+    points_a: Float[Array, "n 3"],
+    normals_a: Float[Array, "n 3"],
+    points_b: Float[Array, "n 3"],
+    normals_b: Float[Array, "n 3"],
+    mask: Bool[Array, "n"],
+    *,
+    distance_tolerance: Float[Array, "n"],
+    cosine_tolerance: float | Float[Array, ""],
+    chunk: int = 128,
+) -> Bool[Array, "n n"]:
+    """Tell which pairs of matches may both be right.
+
+    Args:
+        points_a: Points of the matches in map a (n, 3) [m].
+        normals_a: Unit normals there.
+        points_b: Points of the matches in map b (n, 3) [m].
+        normals_b: Unit normals there.
+        mask: Matches that take part.
+        distance_tolerance: Largest error of a matched point, per match [m]. Two matches agree when their
+            distances differ by no more than the larger of the two tolerances, and are longer than twice that.
+        cosine_tolerance: Largest difference of the cosines of corresponding angles.
+        chunk: Rows handled at once.
+
+    Returns:
+        Symmetric matrix (n, n), False on the diagonal.
+    """
+
+    def angles(point: Array, normal: Array, points: Array, normals: Array) -> tuple[Array, Array]:
+        offset = points - point[None]
+        length = jnp.sqrt(jnp.sum(offset * offset, axis=1, dtype=offset.dtype))
+        direction = offset / jnp.maximum(length, 1e-6)[:, None]
+        theirs = jnp.sum(direction * normals, axis=1, dtype=offset.dtype)
+        return length, jnp.stack([normals @ normal, direction @ normal, theirs])
+
+    def row(one: tuple[Array, ...]) -> Array:
+        point_a, normal_a, point_b, normal_b, is_valid, tolerance = one
+        length_a, cosines_a = angles(point_a, normal_a, points_a, normals_a)
+        length_b, cosines_b = angles(point_b, normal_b, points_b, normals_b)
+        allowed = jnp.maximum(distance_tolerance, tolerance)
+        is_apart = jnp.minimum(length_a, length_b) > 2.0 * allowed
+        same_distance = jnp.abs(length_a - length_b) <= allowed
+        same_angles = jnp.all(jnp.abs(cosines_a - cosines_b) <= cosine_tolerance, axis=0)
+        return is_apart & same_distance & same_angles & mask & is_valid
+
+    each = (points_a, normals_a, points_b, normals_b, mask, distance_tolerance)
+    return jax.lax.map(row, each, batch_size=min(chunk, max(points_a.shape[0], 1)))
+
+
+@partial(jax.jit, static_argnames=("max_size",))
+def greedy_cliques(
+    agreement: Bool[Array, "n n"], *, max_size: int = 64
+) -> tuple[Bool[Array, "n n"], Int[Array, "n"]]:
+    """Grow a clique from every node, taking the candidate that shares most neighbours with the seed first.
+
+    The result need not be the largest clique of the seed; right matches agree with nearly all others that are
+    right, so little is missed, and the poses are refitted to all matches anyway. Ties go to the lower node.
+
+    Args:
+        agreement: Symmetric, False on the diagonal.
+        max_size: Growth stops here.
+
+    Returns:
+        Members (n, n), row i the clique grown from node i, node i included, and their sizes (n,) int32.
+    """
+    n = agreement.shape[0]
+    edges = agreement.astype(jnp.float32)
+    shared = jnp.where(agreement, edges @ edges, -1.0)
+    index = jnp.arange(n, dtype=jnp.int32)
+
+    def grow(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        members, candidates, step = state
+        support = jnp.where(candidates, shared, -1.0)
+        best = jnp.max(support, axis=1)
+        choice = jnp.min(jnp.where((support >= best[:, None]) & candidates, index[None], n), axis=1)
+        is_growing = choice < n
+        choice = jnp.minimum(choice, n - 1)
+        chosen = (index[None] == choice[:, None]) & is_growing[:, None]
+        candidates = candidates & agreement[choice] & is_growing[:, None]
+        return members | chosen, candidates, step + 1
+
+    def is_unfinished(state: tuple[Array, Array, Array]) -> Array:
+        return jnp.any(state[1]) & (state[2] < max_size)
+
+    start = (index[None] == index[:, None], agreement, jnp.int32(1))  # the seed alone: size 1
+    members, _, _ = jax.lax.while_loop(is_unfinished, grow, start)
+    return members, jnp.sum(members, axis=1, dtype=jnp.int32)
+
+
+@jax.jit
+def poses_from_matches(
+    points_a: Float[Array, "n 3"],
+    normals_a: Float[Array, "n 3"],
+    points_b: Float[Array, "n 3"],
+    normals_b: Float[Array, "n 3"],
+    weights: Float[Array, "p n"],
+    *,
+    normal_weight: float | np.floating | Float[Array, ""],
+) -> Float[Array, "p 4 4"]:
+    """Least-squares poses `T_a_b` of weighted sets of matches; the normals steady sets that lie along a line.
+
+    Args:
+        points_a: Points in map a (n, 3) [m].
+        normals_a: Unit normals there.
+        points_b: Points in map b (n, 3) [m].
+        normals_b: Unit normals there.
+        weights: One row of weights >= 0 a pose (p, n).
+        normal_weight: Squared length [m^2] that a unit error of a normal counts as.
+
+    Returns:
+        Poses (p, 4, 4).
+    """
+
+    def solve(weight: Array) -> Array:
+        share = (weight / jnp.maximum(jnp.sum(weight, dtype=weight.dtype), 1e-12))[:, None]
+        mean_a = jnp.sum(share * points_a, axis=0, dtype=weight.dtype)
+        mean_b = jnp.sum(share * points_b, axis=0, dtype=weight.dtype)
+        cross = (share * (points_b - mean_b[None])).T @ (points_a - mean_a[None])
+        cross = cross + normal_weight * ((share * normals_b).T @ normals_a)
+        u, _, vt = jnp.linalg.svd(cross)
+        flip = jnp.stack([jnp.ones(()), jnp.ones(()), jnp.sign(jnp.linalg.det(u @ vt))]).astype(weight.dtype)
+        rotation = (u * flip[None]) @ vt
+        top = jnp.concatenate([rotation.T, (mean_a - rotation.T @ mean_b)[:, None]], axis=1)
+        return jnp.concatenate([top, jnp.asarray([[0.0, 0.0, 0.0, 1.0]], weight.dtype)])
+
+    return jax.lax.map(solve, weights, batch_size=64)
+
+
+@jax.jit
+def matches_under_poses(
+    poses: Float[Array, "p 4 4"],
+    points_a: Float[Array, "n 3"],
+    normals_a: Float[Array, "n 3"],
+    points_b: Float[Array, "n 3"],
+    normals_b: Float[Array, "n 3"],
+    mask: Bool[Array, "n"],
+    *,
+    distance_tolerance: Float[Array, "n"],
+    min_cosine: float | np.floating | Float[Array, ""],
+) -> Bool[Array, "p n"]:
+    """Tell which matches each pose `T_a_b` explains.
+
+    Args:
+        poses: Candidate poses (p, 4, 4).
+        points_a: Points in map a (n, 3) [m].
+        normals_a: Unit normals there.
+        points_b: Points in map b (n, 3) [m].
+        normals_b: Unit normals there.
+        mask: Matches that take part.
+        distance_tolerance: Largest distance of a point from its match, per match [m].
+        min_cosine: Least cosine between a normal and that of its match.
+
+    Returns:
+        (p, n).
+    """
+
+    def explain(pose: Array) -> Array:
+        rotation = pose[:3, :3]
+        offset = points_b @ rotation.T + pose[None, :3, 3] - points_a
+        is_near = jnp.sum(offset * offset, axis=1, dtype=offset.dtype) <= distance_tolerance**2
+        cosine = jnp.sum((normals_b @ rotation.T) * normals_a, axis=1, dtype=offset.dtype)
+        return is_near & (cosine >= min_cosine) & mask
+
+    return jax.lax.map(explain, poses, batch_size=64)

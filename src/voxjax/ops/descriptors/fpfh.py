@@ -1,0 +1,175 @@
+"""Local descriptors of points: normals and fast point feature histograms (FPFH), from all neighbours within a radius.
+
+Neighbours come as tiles that are near each other (`near_tiles`), so that no list of them is ever made. On a CPU the
+items of work go in pieces of one size, side by side: memory is bounded, and another number of points compiles nothing.
+"""
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float32
+
+from ..._checks import InputError
+from ..._runtime.buckets import pad_rows
+from ..._runtime.threads import spread
+from ..._types import Array
+from ..eigen import eigen_by_columns
+from .items import ItemWork, runs_from_host
+from .pairs import MOST_BINS, bytes_of, closeness, count_bins, is_within, monomials, pair_bins
+from .tiles import LEAF, TILE, NearTiles
+
+NUM_BINS = 11
+"""Bins of each of the three histograms, as in the publication of FPFH."""
+_FITS = 4096
+"""Points whose planes are fitted at once on a CPU."""
+
+
+def surface_normals(
+    points: Float32[Array, "n 3"], near: NearTiles, *, radius: float | Float32[Array, ""]
+) -> tuple[Float32[Array, "n 3"], Float32[Array, "n"]]:
+    """Fit a plane to the points within a radius of each point, itself included.
+
+    Args:
+        points: Float32 (n, 3) [m], centred well enough for float32.
+        near: Tiles of these points near each other, of this radius or a larger one.
+        radius: Neighbours farther than this [m] are left out.
+
+    Returns:
+        Unit normals (n, 3) of arbitrary sign, and the surface variation (n,) in [0, 1/3]: the share of the variance
+        that is along the normal, 0 on a plane; 1/3 for points with fewer than three neighbours. As NumPy arrays where
+        NumPy arrays were given on a CPU.
+    """
+    if runs_from_host(points, near):
+        return _normals(points, near, np.float32(radius), from_host=True)
+    return _normals_kernel(points, near, jnp.float32(radius))
+
+
+def _normals(points: Any, near: NearTiles, radius: Any, *, from_host: bool) -> tuple[Any, Any]:
+    """`surface_normals`, piece by piece or in one kernel."""
+    work = ItemWork(near, from_host)
+    tables, square = work.tables(points.T), radius * radius
+
+    def moments(tiles: Any, halves: Any) -> Any:
+        own, others = work.take(tables, tiles, halves)
+        terms = work.xp.asarray(monomials(own, others))
+        return work.mix(is_within(own, others, square), lambda part: terms[part])
+
+    sums = work.by_point(work.add_up(moments, (TILE, 10)).reshape(-1, 10), points.shape[0]).T
+    normals, variation = _fit_pieces(sums) if from_host else _fit(sums)
+    return normals.T, variation
+
+
+_normals_kernel = jax.jit(partial(_normals, from_host=False))
+
+
+def point_feature_histograms(
+    points: Float32[Array, "n 3"],
+    normals: Float32[Array, "n 3"],
+    near: NearTiles,
+    *,
+    radius: float | Float32[Array, ""],
+    spacing: float | Float32[Array, ""],
+    num_bins: int = NUM_BINS,
+) -> Float32[Array, "n d"]:
+    """Describe each point by how the normals around it lie.
+
+    Every pair (point p with normal n, neighbour q with normal m) gives three angles in the frame u = n,
+    v = (q - p)/|q - p| x u, w = u x v: v.m, u.(q - p)/|q - p| and atan2(w.m, u.m). Their histograms over the
+    neighbours are the simple descriptor (SPFH); the descriptor of a point is the mean of the simple descriptors
+    of its neighbours with weights 1 / distance. The frame always stands on p: the original's choice of the end
+    with the smaller angle is decided by rounding wherever two normals are parallel, and walls are flat.
+
+    Args:
+        points: Float32 (n, 3) [m].
+        normals: Unit normals (n, 3), with one meaning of the sign over the whole map.
+        near: Tiles of these points near each other, of this radius or a larger one.
+        radius: Neighbours farther than this [m] are left out; so are points at the same place.
+        spacing: Distance between neighbouring points [m]; weights stop growing below half of it.
+        num_bins: Bins of each of the three histograms, 2 to 255.
+
+    Returns:
+        (n, 3 num_bins): the square roots of the three histograms, each histogram summing to 1 (to 0 for
+        points without neighbours), so that a Euclidean distance is the Hellinger distance of the histograms. As a NumPy
+        array where NumPy arrays were given on a CPU.
+
+    Raises:
+        InputError: If the number of bins is out of range.
+
+    References:
+        Rusu, Blodow, Beetz: Fast Point Feature Histograms (FPFH) for 3D Registration, ICRA 2009, Sec. III.
+    """
+    if not 2 <= num_bins <= MOST_BINS:
+        raise InputError(f"num_bins must be from 2 to {MOST_BINS}, got {num_bins!r}.")
+    if runs_from_host(points, normals, near):
+        scales = np.float32(radius), np.float32(spacing)
+        return _histograms(points, normals, near, *scales, num_bins=num_bins, from_host=True)
+    scales = jnp.float32(radius), jnp.float32(spacing)
+    return _histograms_kernel(points, normals, near, *scales, num_bins=num_bins)
+
+
+def _histograms(
+    points: Any, normals: Any, near: NearTiles, radius: Any, spacing: Any, *, num_bins: int, from_host: bool
+) -> Any:
+    """`point_feature_histograms`, piece by piece or in one kernel."""
+    work = ItemWork(near, from_host)
+    xp, width, square = work.xp, 3 * num_bins, radius * radius
+    tables = work.tables(xp.concatenate([points, normals], axis=1).T)
+
+    def simple(tiles: Any, halves: Any) -> Any:
+        word = pair_bins(*work.take(tables, tiles, halves), square, num_bins=num_bins)
+        bins = bytes_of(np.asarray(word) if from_host else word)
+        return count_bins(bins, num_bins=num_bins)
+
+    def shares(counts: Any) -> Any:
+        by_point = counts.reshape(-1, num_bins, TILE, 4).transpose(0, 2, 3, 1)[:, :, :3]
+        by_point = by_point.reshape(-1, LEAF, width)
+        return by_point / xp.maximum(by_point[..., :num_bins].sum(axis=2, keepdims=True), xp.float32(1))
+
+    histograms = work.by_parts(shares, work.add_up(simple, (num_bins, 4 * TILE)))
+    histograms = histograms.reshape(-1, LEAF, width)
+    places = tables[0][:3], tables[1][:3]
+
+    def smooth(tiles: Any, halves: Any) -> Any:
+        weights = closeness(*work.take(places, tiles, halves), square, spacing)
+        return work.mix(weights, lambda part: xp.take(histograms, halves[part], axis=0))
+
+    def roots(total: Any) -> Any:
+        total = total.reshape(-1, 3, num_bins)
+        mass = total.sum(axis=2, keepdims=True)
+        return xp.sqrt(total / xp.where(mass > 0, mass, xp.float32(1))).reshape(-1, width)
+
+    smoothed = work.by_parts(roots, work.add_up(smooth, (TILE, width)))
+    return work.by_point(smoothed.reshape(-1, width), points.shape[0])
+
+
+_histograms_kernel = jax.jit(partial(_histograms, from_host=False), static_argnames="num_bins")
+
+
+@jax.jit
+def _fit(sums: Float32[Array, "10 n"]) -> tuple[Float32[Array, "3 n"], Float32[Array, "n"]]:
+    """Normal and surface variation from the number of points, their sums and sums of products."""
+    count = sums[0]
+    x, y, z, xx, yy, zz, xy, xz, yz = (row / jnp.maximum(count, 1.0) for row in sums[1:])
+    covariance = jnp.stack([xx - x * x, yy - y * y, zz - z * z, xy - x * y, xz - x * z, yz - y * z])
+    values, vectors, _ = eigen_by_columns(covariance)
+    total = values[0] + values[1] + values[2]
+    is_defined = (count >= 3.0) & (total > 0.0)
+    variation = jnp.maximum(values[0], 0.0) / jnp.where(is_defined, total, 1.0)
+    return vectors[0], jnp.where(is_defined, variation, 1.0 / 3.0)
+
+
+def _fit_pieces(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`_fit`, always for as many points at once."""
+
+    def run(first: int) -> tuple[np.ndarray, np.ndarray]:
+        piece = sums[:, first : first + _FITS]
+        normals, variation = _fit(pad_rows(piece.T, _FITS).T)
+        return np.asarray(normals)[:, : piece.shape[1]], np.asarray(variation)[: piece.shape[1]]
+
+    parts = spread(run, range(0, sums.shape[1], _FITS))
+    none = np.zeros((3, 0), np.float32), np.zeros(0, np.float32)
+    normals, variation = zip(none, *parts, strict=True)
+    return np.concatenate(normals, axis=1), np.concatenate(variation)

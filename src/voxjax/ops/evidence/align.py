@@ -1,0 +1,169 @@
+"""Point-to-plane alignment of many poses at once against the nearest-voxel field of a map."""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float32, Int32, UInt32
+
+from ... import rigid
+from ..._runtime.materialize import materialized
+from ..._runtime.pieces import over_poses, runs_in_pieces
+from ..._runtime.programs import kept_program
+from ..._runtime.threads import num_cores
+from ..._types import Array
+from .lookup import Block, row_entries, turn_columns
+from .nearest import nearest_rows
+
+DAMPING = 1e-4
+"""Share of the mean diagonal added to the normal equations: directions that no surface fixes do not move."""
+
+
+def align_poses(
+    keys: UInt32[Array, "flat"],
+    dims: Int32[Array, "3"],
+    origin: Float32[Array, "3"],
+    voxel_size: Float32[Array, ""] | np.floating | float,
+    surface: Float32[Array, "m 3"],
+    normals: Float32[Array, "m 3"],
+    points: Float32[Array, "n 3"],
+    weights: Float32[Array, "n"],
+    poses: Float32[Array, "k 4 4"],
+    *,
+    num_steps: int = 20,
+    start_distance: Float32[Array, ""] | np.floating | float = 5.0,
+    final_distance: Float32[Array, ""] | np.floating | float = 1.5,
+    batch_size: int = 4,
+) -> Float32[Array, "k 4 4"]:
+    """Refine poses of points onto a voxel surface by iterated re-weighted point-to-plane steps.
+
+    The robust scale shrinks geometrically over the first two thirds of the steps, so that a coarse pose is pulled in
+    and furniture seen by one map only lets go at the end.
+
+    Args:
+        keys: Nearest-voxel field of the map, flat over `dims`.
+        dims: Size of its block [voxel].
+        origin: Its outer corner [m].
+        voxel_size: [m].
+        surface: Occupied voxel centres the keys point to [m].
+        normals: Their unit normals.
+        points: Points of the other map [m].
+        weights: One a point; 0 for padding.
+        poses: Starts, each maps the points into the map.
+        num_steps: Fixed number of steps.
+        start_distance: Robust scale at the start [voxel].
+        final_distance: Robust scale at the end [voxel].
+        batch_size: Poses handled together where all is one kernel: under a transformation, and not on a CPU.
+
+    Returns:
+        Refined poses, same order.
+    """
+    block = Block(jnp.asarray(dims), jnp.asarray(origin), jnp.asarray(voxel_size, jnp.float32))
+    robust = jnp.asarray(start_distance, jnp.float32), jnp.asarray(final_distance, jnp.float32)
+    target = _Target(keys, block, surface, normals)
+    if not runs_in_pieces(target, points, weights, poses, robust):
+        return _align_at_once(target, points, weights, poses, *robust, num_steps, batch_size)
+    if len(poses) == 0:
+        return jnp.zeros((0, 4, 4), jnp.float32)
+    held = jax.device_put((target, points, weights, *robust))
+    aligned = over_poses(
+        lambda some, count: _align_piece(*held, some, count, num_steps),
+        np.asarray(poses),
+        least_jobs=num_cores(),
+    )
+    return jax.device_put(aligned)
+
+
+class _Target(NamedTuple):
+    """The surface that points are brought onto."""
+
+    keys: UInt32[Array, "flat"]
+    block: Block
+    surface: Float32[Array, "m 3"]
+    normals: Float32[Array, "m 3"]
+
+
+@partial(jax.jit, static_argnames=("num_steps", "batch_size"))
+def _align_at_once(
+    target: _Target, points: Array, weights: Array, poses: Array, start: Array, final: Array, num_steps: int,
+    batch_size: int,
+) -> Array:  # fmt: skip
+    align = partial(_align, _Alignment.of(target, points, weights, start, final), num_steps=num_steps)
+    return jax.lax.map(align, poses, batch_size=batch_size)
+
+
+@kept_program
+@partial(jax.jit, static_argnames="num_steps")
+def _align_piece(
+    target: _Target, points: Array, weights: Array, start: Array, final: Array, poses: Array, count: Array,
+    num_steps: int,
+) -> Array:  # fmt: skip
+    """The first `count` poses aligned, the others as they are."""
+    alignment = _Alignment.of(target, points, weights, start, final)
+
+    def one(i: jax.Array, aligned: jax.Array) -> jax.Array:
+        return aligned.at[i].set(_align(alignment, poses[i], num_steps=num_steps))
+
+    return jax.lax.fori_loop(0, count, one, poses)
+
+
+class _Alignment(NamedTuple):
+    """What all steps of all poses share: the surface, and the points by columns, also about their centre."""
+
+    target: _Target
+    columns: Array
+    weights: Array
+    centre: Array
+    centred: Array
+    start_distance: Array
+    final_distance: Array
+
+    @classmethod
+    def of(cls, target: _Target, points: Array, weights: Array, start: Array, final: Array) -> "_Alignment":
+        total = jnp.maximum(jnp.sum(weights, dtype=jnp.float32), 1e-12)
+        centre = jnp.sum(points * weights[:, None], axis=0, dtype=jnp.float32) / total
+        return cls(target, points.T, weights, centre, (points - centre[None, :]).T, start, final)
+
+    def step(self, T: Array, progress: Array) -> Array:
+        """One re-weighted Gauss-Newton step; `progress` from 0 to 1 shrinks the robust scale."""
+        target, centre, weights = self.target, self.centre, self.weights
+        scale = (
+            target.block.voxel_size
+            * self.start_distance
+            * (self.final_distance / self.start_distance) ** progress
+        )
+        is_valid = target.block.voxel_size > 0
+        is_near, row = nearest_rows(target.keys, lambda: target.block.cells_under(T, self.columns), is_valid)
+        surface, normal = materialized(
+            lambda: (row_entries(target.surface, row), row_entries(target.normals, row)), is_valid
+        )
+        arm = turn_columns(T, self.centred)
+        image = T[:3, :3] @ centre + T[:3, 3]
+        gap = [arm[k] + (image[k] - surface[k]) for k in range(3)]
+        residual = gap[0] * normal[0] + gap[1] * normal[1] + gap[2] * normal[2]
+        distance_sq = gap[0] * gap[0] + gap[1] * gap[1] + gap[2] * gap[2]
+        robust = 1.0 / (1.0 + distance_sq / (scale * scale)) ** 2
+        weight = jnp.where(is_near, weights * robust, 0.0)
+        turn = [arm[k - 2] * normal[k - 1] - arm[k - 1] * normal[k - 2] for k in range(3)]
+        jacobian = jnp.stack([*normal, *turn, residual])
+        system = (jacobian * weight[None, :]) @ jacobian.T
+        hessian, gradient = system[:6, :6], system[:6, 6]
+        damping = DAMPING * jnp.trace(hessian) / 6.0 + 1e-12
+        delta = -jnp.linalg.solve(hessian + damping * jnp.eye(6, dtype=jnp.float32), gradient)
+        delta = jnp.clip(delta, -0.5, 0.5)
+        rotation = rigid.exp_so3(delta[3:]) @ T[:3, :3]
+        moved = image + delta[:3]
+        return rigid.from_rotation_translation(rotation, moved - rotation @ centre)
+
+
+def _align(alignment: _Alignment, T: Array, *, num_steps: int) -> Array:
+    num_shrinking = max(2 * num_steps // 3, 1)
+
+    def step(T: Array, i: Array) -> tuple[Array, None]:
+        return alignment.step(T, jnp.minimum(i.astype(jnp.float32) / num_shrinking, 1.0)), None
+
+    T = jax.lax.scan(step, T, jnp.arange(num_steps, dtype=jnp.int32))[0]
+    u, _, vt = jnp.linalg.svd(T[:3, :3])
+    return rigid.from_rotation_translation(u @ vt, T[:3, 3])

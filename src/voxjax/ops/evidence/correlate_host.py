@@ -1,0 +1,136 @@
+"""`correlate` on the host: blocks of any size without compilation, and rotations side by side on all cores.
+
+On a CPU the transforms of SciPy are as fast as those of the compiler, and a block needs no rung of a ladder: exact
+sizes save more than half of the work.
+"""
+
+from typing import cast
+
+import numpy as np
+from jaxtyping import Complex64, Float, Float32, UInt8
+from scipy.fft import irfftn, next_fast_len, rfftn
+
+from .scoring import CONFLICT, HIT
+
+PEAK_BLOCK = 4
+"""At most one peak in each block of so many cells an axis."""
+
+
+def block_size(cells: int) -> int:
+    """Smallest quick length of a transform, a multiple of `PEAK_BLOCK`, that holds `cells`."""
+    return PEAK_BLOCK * cast(int, next_fast_len(-(-cells // PEAK_BLOCK), real=True))
+
+
+def coarse_spectra(
+    codes: UInt8[np.ndarray, "i j k"],
+    origin: Float[np.ndarray, "3"],
+    voxel_size: float,
+    columns: Float32[np.ndarray, "3 n"],
+    weights: Float[np.ndarray, "n"],
+    rotation: Float[np.ndarray, "3 3"],
+    low: Float[np.ndarray, "3"],
+    box: tuple[int, int, int],
+    cell_size: float,
+    conflict_weight: float,
+    *,
+    cells: tuple[int, int, int],
+) -> tuple[Complex64[np.ndarray, "x y w"], Complex64[np.ndarray, "x y w"]]:
+    """Fourier transforms of one rotated map on a coarse block: what it offers, and what it asks.
+
+    Args:
+        codes: Of `evidence_codes` at the coarse tolerance.
+        origin: Outer corner of the map's block [m].
+        voxel_size: [m].
+        columns: Occupied voxel centres in the map's frame [m], as rows x, y and z.
+        weights: One a point.
+        rotation: Maps the map's frame into the frame of the coarse block.
+        low: Outer corner of the coarse block [m].
+        box: Cells of the coarse block, from `low` on, that can hold anything of the map.
+        cell_size: Edge of a coarse cell [m].
+        conflict_weight: How many hits a conflict outweighs.
+        cells: Size of the coarse block; at least the sum of both maps' boxes, or the correlation wraps.
+
+    Returns:
+        As `ops.evidence.correlate.coarse_spectra`.
+    """
+    # Cell centres in voxels of the map: a sum of one vector an axis.
+    step = rotation * (cell_size / voxel_size)
+    start = ((low + 0.5 * cell_size) @ rotation - origin) / voxel_size
+    flat, is_inside = np.zeros((1, 1, 1), np.int32), np.ones((1, 1, 1), bool)
+    for axis in range(3):
+        x, y, z = ((np.arange(n) * step[i, axis]).astype(np.float32) for i, n in enumerate(box))
+        place = (x[:, None] + (y + np.float32(start[axis]))[None, :])[:, :, None] + z[None, None, :]
+        cell = np.floor(place, out=place).astype(np.int32)
+        # Unsigned: what is below 0 is far above.
+        is_inside = is_inside & (cell.view(np.uint32) < np.uint32(codes.shape[axis]))
+        flat = flat * np.int32(codes.shape[axis]) + cell
+    code = np.take(codes.reshape(-1), np.where(is_inside, flat, 0)) * is_inside
+    values = np.zeros(4, np.float32)
+    values[HIT], values[CONFLICT] = 1.0, -conflict_weight
+    offer = np.take(values, code)
+
+    turn, shift = (rotation / cell_size).astype(np.float32), (low / cell_size).astype(np.float32)
+    flat = np.zeros(1, np.int32)
+    for axis in range(3):
+        place = turn[axis, 0] * columns[0]
+        place += turn[axis, 1] * columns[1]
+        place += turn[axis, 2] * columns[2]
+        place -= shift[axis]
+        flat = flat * np.int32(box[axis]) + np.clip(place, 0, box[axis] - 1, out=place).astype(np.int32)
+    ask = np.bincount(flat, weights, minlength=int(np.prod(box))).astype(np.float32).reshape(box)
+    return np.asarray(rfftn(offer, s=cells)), np.asarray(rfftn(ask, s=cells))
+
+
+def reverse(
+    spectrum: Complex64[np.ndarray, "x y w"], is_reversed: np.ndarray, *, cells: tuple[int, int, int]
+) -> Complex64[np.ndarray, "x y w"]:
+    """Transform of a real block reversed along some axes, about its first cell: `f(-x)` instead of `f(x)`.
+
+    Args:
+        spectrum: Of `rfftn`.
+        is_reversed: For each axis, whether to reverse it.
+        cells: Size of the block.
+    """
+    # The half that is stored knows the last axis forward only: a real block's other half is the conjugate at -k.
+    for axis in range(2):
+        if is_reversed[axis] != is_reversed[2]:
+            spectrum = np.take(spectrum, -np.arange(cells[axis]) % cells[axis], axis=axis)
+    return np.conj(spectrum) if is_reversed[2] else spectrum
+
+
+def correlation_peaks(
+    offer_a: Complex64[np.ndarray, "x y w"],
+    ask_a: Complex64[np.ndarray, "x y w"],
+    offer_b: Complex64[np.ndarray, "x y w"],
+    ask_b: Complex64[np.ndarray, "x y w"],
+    *,
+    cells: tuple[int, int, int],
+    num_peaks: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Best translations of b against a, at most one in each block of cells; as `correlate.correlation_peaks`.
+
+    Args:
+        offer_a: Of `coarse_spectra`, as the next three.
+        ask_a: Of map a.
+        offer_b: Of map b.
+        ask_b: Of map b.
+        cells: Size of the block; multiples of `PEAK_BLOCK`.
+        num_peaks: At most so many.
+
+    Returns:
+        Scores float32 (k,), best first, and translations int64 (k, 3) [cell], modulo the block, in [0, cells).
+    """
+    spectrum = offer_a * np.conj(ask_b)
+    spectrum += ask_a * np.conj(offer_b)
+    score = np.asarray(irfftn(spectrum, s=cells, overwrite_x=True))
+    best = score
+    for axis in range(3):
+        parts = [np.take(best, range(i, best.shape[axis], PEAK_BLOCK), axis=axis) for i in range(PEAK_BLOCK)]
+        best = np.maximum(np.maximum(parts[0], parts[1]), np.maximum(parts[2], parts[3]))
+    count = min(num_peaks, best.size)
+    order = np.argsort(-best, axis=None, kind="stable")[:count]
+    peaks = []
+    for block in np.stack(np.unravel_index(order, best.shape), axis=-1) * PEAK_BLOCK:
+        part = score[tuple(slice(i, i + PEAK_BLOCK) for i in block)]
+        peaks.append(block + np.unravel_index(np.argmax(part), part.shape))
+    return best.reshape(-1)[order], np.asarray(peaks, np.int64).reshape(-1, 3)

@@ -1,0 +1,268 @@
+"""What the voxels of one map meet in the other one under a pose: hits, conflicts, or nothing known."""
+
+import math
+from collections.abc import Sequence
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float32, Int32, UInt8, UInt32
+
+from ..._runtime.materialize import materialized
+from ..._runtime.pieces import PIECES, runs_in_pieces, sum_over_pieces
+from ..._runtime.programs import kept_program
+from ..._types import FREE, Array
+from .lookup import Block, entries, row_entries, turn_columns, values_at
+from .nearest import split_keys
+
+NOTHING = np.uint8(0)
+HIT = np.uint8(1)
+NEUTRAL = np.uint8(2)
+CONFLICT = np.uint8(3)
+_OPPOSED = np.uint8(4)
+"""A hit on a surface that faces the other way."""
+
+
+@jax.jit
+def evidence_codes(
+    states: UInt8[Array, "n"],
+    keys: UInt32[Array, "n"],
+    hit_sq: Int32[Array, ""] | int,
+    clear_sq: Int32[Array, ""] | int,
+) -> UInt8[Array, "n"]:
+    """Say for each voxel what an occupied voxel of the other map would mean there.
+
+    Args:
+        states: Flat states of the map, 0 unknown, 1 free, 2 occupied.
+        keys: Of `nearest_field`, same order.
+        hit_sq: Squared distance [voxel^2] to something occupied up to which it is a hit.
+        clear_sq: Squared distance [voxel^2] from which on a free voxel is well clear of anything occupied.
+
+    Returns:
+        uint8: 0 nothing known, 1 hit, 2 known but undecided, 3 conflict.
+    """
+    squared = split_keys(keys)[1]
+    is_free = states == FREE
+    code = jnp.where(is_free & (squared >= clear_sq), CONFLICT, NOTHING)
+    code = jnp.where(is_free & (squared < clear_sq), NEUTRAL, code)
+    return jnp.where(squared <= hit_sq, HIT, code).astype(jnp.uint8)
+
+
+class SurfaceField(NamedTuple):
+    """What the voxels of the other map may meet.
+
+    Attributes:
+        codes: Of `evidence_codes`, flat over the block.
+        keys: Of `nearest_field`, same order.
+        block: Where they lie.
+        normals: Of the voxels that the keys point to.
+        is_signed: Whether the sign of the normals means something in both maps.
+    """
+
+    codes: UInt8[Array, "flat"]
+    keys: UInt32[Array, "flat"]
+    block: Block
+    normals: Float32[Array, "m 3"]
+    is_signed: Bool[Array, ""]
+
+    def sums(self, T: Array, points: Array, normals: Array, weights: Array) -> Float32[Array, "10"]:
+        """Hits, conflicts, undecided, opposed, and xx, xy, xz, yy, yz, zz of the information; columns in."""
+        is_valid = self.block.voxel_size > 0
+        code, cell = materialized(lambda: self._met(T, points), is_valid)
+        met = materialized(
+            lambda: row_entries(self.normals, split_keys(entries(self.keys, cell))[0]), is_valid
+        )
+        kind, gain = materialized(lambda: self._judged(T, code, met, normals, weights), is_valid)
+        parts = [jnp.where(kind == k, weights, 0.0) for k in (HIT, CONFLICT, NEUTRAL, _OPPOSED)]
+        parts += [gain * met[i] * met[j] for i in range(3) for j in range(i, 3)]
+        return _sums_of(parts)
+
+    def _met(self, T: Array, points: Array) -> tuple[Array, Array]:
+        """Codes that points meet, and the cells of those that hit."""
+        cell, is_inside = self.block.cells_under(T, points)
+        code = values_at(self.codes, cell, is_inside, NOTHING)
+        # Only a hit has a nearest voxel for sure; the others all look at one cell, which stays in the cache.
+        return code, jnp.where(code == HIT, cell, 0)
+
+    def _judged(self, T: Array, code: Array, met: Sequence[Array], normals: Array, weights: Array) -> tuple:
+        """Codes with hits that face the other way told apart, and what the hits weigh along the normals they met."""
+        turned = turn_columns(T, normals)
+        cosine = turned[0] * met[0] + turned[1] * met[1] + turned[2] * met[2]
+        is_opposed = (code == HIT) & self.is_signed & (cosine < -0.3)
+        is_hit = (code == HIT) & ~is_opposed
+        return jnp.where(is_opposed, _OPPOSED, code), jnp.where(is_hit, weights * jnp.abs(cosine), 0.0)
+
+
+_LANES = 8
+"""Sums that run side by side."""
+
+
+def _sums_of(parts: Sequence[Array]) -> Float32[Array, "m"]:
+    """Sum of each of many arrays of one length, in one pass.
+
+    Apart, XLA writes each array down on a CPU before it sums it, and starts a kernel for either.
+    """
+    lanes = math.gcd(parts[0].shape[0], _LANES)
+    columns = tuple(part.astype(jnp.float32).reshape(-1, lanes) for part in parts)
+    sums = jax.lax.reduce(columns, (jnp.float32(0),) * len(parts), _add_each, (0,))
+    return jnp.sum(jnp.stack(sums), axis=1)
+
+
+def _add_each(left: tuple, right: tuple) -> tuple:
+    return tuple(a + b for a, b in zip(left, right, strict=True))
+
+
+class CodeField(NamedTuple):
+    """Evidence codes and where they lie."""
+
+    codes: UInt8[Array, "flat"]
+    block: Block
+
+    def sums(self, T: Array, points: Array, weights: Array) -> Float32[Array, "3"]:
+        """Hits, conflicts and undecided; columns in."""
+        code = materialized(
+            lambda: values_at(self.codes, *self.block.cells_under(T, points), NOTHING),
+            self.block.voxel_size > 0,
+        )
+        kinds = (HIT, CONFLICT, NEUTRAL)
+        return jnp.stack([jnp.sum(jnp.where(code == k, weights, 0.0), dtype=jnp.float32) for k in kinds])
+
+
+_STEP = 1024
+"""Lookups of one step at least."""
+
+_SURFACE_PIECE = 8192
+"""Points of a piece of `surface_evidence` at most: what its steps write down stays in the cache of a core."""
+
+
+def _sums_of_piece(field: SurfaceField | CodeField, *piece: Array) -> Float32[Array, "p m"]:
+    """Sums under the first `count` of some poses, what follows is of no use; `piece`: lists, poses, count."""
+    *lists, poses, count = piece
+    columns = [rows.T for rows in lists]
+    # A step of the loop costs as much as some hundred lookups; but arrays of two axes cost twice those of one.
+    together = max(_STEP // columns[0].shape[1], 1)
+
+    def one(i: jax.Array, sums: jax.Array) -> jax.Array:
+        return sums.at[i].set(field.sums(poses[i], *columns))
+
+    def some(i: jax.Array, sums: jax.Array) -> jax.Array:
+        step = jax.lax.dynamic_slice_in_dim(poses, i * together, together)
+        found = jax.vmap(lambda T: field.sums(T, *columns))(step)
+        return jax.lax.dynamic_update_slice_in_dim(sums, found, i * together, 0)
+
+    width = jax.eval_shape(field.sums, poses[0], *columns).shape[0]
+    start = jnp.zeros((poses.shape[0], width), jnp.float32)
+    num_steps = (count + together - 1) // together
+    return jax.lax.fori_loop(0, num_steps, one if together == 1 else some, start)
+
+
+@kept_program
+@jax.jit
+def _surface_piece(field: SurfaceField, *piece: Array) -> Float32[Array, "p 10"]:
+    return _sums_of_piece(field, *piece)
+
+
+@kept_program
+@jax.jit
+def _code_piece(field: CodeField, *piece: Array) -> Float32[Array, "p 3"]:
+    return _sums_of_piece(field, *piece)
+
+
+@partial(jax.jit, static_argnames=("batch_size",))
+def _sums_at_once(field: SurfaceField | CodeField, lists: tuple, poses: Array, batch_size: int) -> Array:
+    columns = [rows.T for rows in lists]
+    return jax.lax.map(lambda T: field.sums(T, *columns), poses, batch_size=batch_size)
+
+
+def _sums(field: SurfaceField | CodeField, lists: tuple, poses: Array, batch_size: int) -> Array:
+    if not runs_in_pieces(field, lists, poses) or not (len(poses) and len(lists[0])):
+        return _sums_at_once(field, lists, poses, batch_size)
+    held = jax.device_put(field)
+    kernel, most = (
+        (_code_piece, PIECES[-1]) if isinstance(field, CodeField) else (_surface_piece, _SURFACE_PIECE)
+    )
+    found = sum_over_pieces(
+        partial(kernel, held), [np.asarray(a) for a in lists], np.asarray(poses), most=most
+    )
+    return found.astype(np.float32)
+
+
+def surface_evidence(
+    codes: UInt8[Array, "flat"],
+    keys: UInt32[Array, "flat"],
+    dims: Int32[Array, "3"],
+    origin: Float32[Array, "3"],
+    voxel_size: Float32[Array, ""] | np.floating | float,
+    surface_normals: Float32[Array, "m 3"],
+    points: Float32[Array, "n 3"],
+    normals: Float32[Array, "n 3"],
+    weights: Float32[Array, "n"],
+    poses: Float32[Array, "k 4 4"],
+    is_signed: Bool[Array, ""] | bool,
+    *,
+    batch_size: int = 8,
+) -> tuple[Float32[Array, "k 4"], Float32[Array, "k 3 3"]]:
+    """Evidence of poses in full: also which side of a surface is free, and what the hits fix.
+
+    A hit on a surface whose free side faces the other way is no hit: a floor upon a ceiling, two sides of a wall.
+    Normals of length 0 mean that the side or the direction is not known; they agree with everything.
+
+    On a CPU the points go through in pieces of few sizes (`_runtime.pieces`), so that lists of any length and any
+    number of poses compile nothing new; hand large fields over as device arrays or NumPy arrays, which are taken
+    without a copy.
+
+    Args:
+        codes: Of `evidence_codes`, flat over `dims`; may be longer.
+        keys: Of `nearest_field`, same order.
+        dims: Size of the block [voxel].
+        origin: Its outer corner [m].
+        voxel_size: [m].
+        surface_normals: Normals of the voxels that the keys point to, toward free space.
+        points: Points of the other map in its own frame [m].
+        normals: Their normals.
+        weights: One a point; 0 for padding.
+        poses: Each maps the points into the frame of the block.
+        is_signed: Whether the sign of the normals means something in both maps.
+        batch_size: Poses handled together where all is one kernel: under a transformation, and not on a CPU.
+
+    Returns:
+        Sums of the weights that hit, conflict, are undecided, and meet a surface facing the other way; and the
+        information of the hits, the weighted sum of `n n^T` in the frame of the block.
+    """
+    block = Block(jnp.asarray(dims), jnp.asarray(origin), jnp.asarray(voxel_size, jnp.float32))
+    field = SurfaceField(codes, keys, block, surface_normals, jnp.asarray(is_signed, jnp.bool_))
+    sums = _sums(field, (points, normals, weights), poses, batch_size)
+    information = sums[:, np.asarray([4, 5, 6, 5, 7, 8, 6, 8, 9])].reshape(-1, 3, 3)
+    return jax.device_put((sums[:, :4], information))
+
+
+def score_poses(
+    codes: UInt8[Array, "flat"],
+    dims: Int32[Array, "3"],
+    origin: Float32[Array, "3"],
+    voxel_size: Float32[Array, ""] | np.floating | float,
+    points: Float32[Array, "n 3"],
+    weights: Float32[Array, "n"],
+    poses: Float32[Array, "k 4 4"],
+    *,
+    batch_size: int = 8,
+) -> Float32[Array, "k 3"]:
+    """Weighted hits, conflicts and undecided of many poses, as `surface_evidence` but without sides.
+
+    Args:
+        codes: Of `evidence_codes`, flat in C order over `dims`; may be longer.
+        dims: Size of the block [voxel].
+        origin: Outer corner of the block [m].
+        voxel_size: [m].
+        points: Points of the other map in its own frame [m].
+        weights: One a point; 0 for padding.
+        poses: Each maps the points into the frame of the block.
+        batch_size: Poses handled together where all is one kernel.
+
+    Returns:
+        For each pose the sums of the weights that hit, conflict, and are known but undecided.
+    """
+    block = Block(jnp.asarray(dims), jnp.asarray(origin), jnp.asarray(voxel_size, jnp.float32))
+    return jax.device_put(_sums(CodeField(codes, block), (points, weights), poses, batch_size))

@@ -1,0 +1,91 @@
+"""The lattice of whole multiples of the voxel size, on which all resampled and fused grids lie."""
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..._checks import InputError
+
+MAX_VOXELS = 2**31 - 1
+"""Largest dense grid: flat indices fit int32."""
+
+# An origin this near to the lattice [voxels] lies on it; the rest is rounding of float32.
+_ON_LATTICE = 0.01
+# A rotation this near to one of the 24 of the cube is that one.
+_IS_CUBE_ROTATION = 1e-5
+
+
+def origin_in_voxels(origin: Float[np.ndarray, "3"], voxel_size: float) -> Float[np.ndarray, "3"]:
+    """Origin in units of the voxel size, float64; whole numbers where the origin lies on the lattice."""
+    cell = np.asarray(origin, np.float64) / voxel_size
+    whole = np.rint(cell)
+    return np.where(np.abs(cell - whole) < _ON_LATTICE, whole, cell)
+
+
+def origin_of_cell(cell: Int[np.ndarray, "3"], voxel_size: float) -> Float[np.ndarray, "3"]:
+    """Outer corner float32 [m] of a cell of the lattice."""
+    return (np.asarray(cell, np.float64) * voxel_size).astype(np.float32)
+
+
+def check_num_voxels(shape: Int[np.ndarray, "3"], what: str, advice: str, most: int = MAX_VOXELS) -> None:
+    """Raise if a dense grid of that shape has too many voxels.
+
+    Raises:
+        InputError: If it has more than `most`.
+    """
+    sides = [int(side) for side in shape]
+    if sides[0] * sides[1] * sides[2] > most:
+        size = " x ".join(f"{side:,}" for side in sides)
+        raise InputError(f"{what} would have {size} voxels, more than {most:,}; {advice}.")
+
+
+def moved_bounds(
+    states: np.ndarray,
+    origin: Float[np.ndarray, "3"],
+    voxel_size: float,
+    T: Float[np.ndarray, "4 4"],
+    target_voxel_size: float,
+) -> tuple[Int[np.ndarray, "3"], Int[np.ndarray, "3"]]:
+    """Cells of the target lattice whose centres the moved grid can fill.
+
+    Under a rotation of the cube this is the whole moved grid, so that nothing is cut; under any other
+    rotation it is the box around the moved known voxels, which is much smaller than the box around the
+    moved grid.
+
+    Args:
+        states: uint8 (x, y, z).
+        origin: Outer corner [m].
+        voxel_size: Of the grid [m].
+        T: Pose that moves the grid.
+        target_voxel_size: Of the lattice [m].
+
+    Returns:
+        Lowest cell and one past the highest, int64 (3,) each; equal when nothing is known.
+    """
+    matrix = np.asarray(T, np.float64)
+    rotation = matrix[:3, :3]
+    base = origin_in_voxels(origin, voxel_size)
+    if np.abs(rotation - np.rint(rotation)).max() < _IS_CUBE_ROTATION:
+        low, high = np.zeros((1, 3)), np.asarray([states.shape], np.float64)
+        centres, half = (low + high) / 2, high[0] / 2
+    else:
+        centres, half = _outermost_known(states) + 0.5, np.full(3, 0.5)
+    if not len(centres) or not all(states.shape):
+        return np.zeros(3, np.int64), np.zeros(3, np.int64)
+    moved = ((centres + base) @ rotation.T) * voxel_size + matrix[:3, 3]
+    reach = np.abs(rotation) @ half * voxel_size
+    low = (moved.min(axis=0) - reach) / target_voxel_size
+    high = (moved.max(axis=0) + reach) / target_voxel_size
+    # A cell belongs to the box if its centre does.
+    return np.ceil(low - 0.5 - 1e-4).astype(np.int64), np.ceil(high - 0.5 + 1e-4).astype(np.int64)
+
+
+def _outermost_known(states: np.ndarray) -> Int[np.ndarray, "n 3"]:
+    """Lowest and highest known voxel of each column along z; they have the convex hull of all."""
+    is_known = states != 0
+    if not is_known.any():
+        return np.zeros((0, 3), np.int64)
+    columns = np.argwhere(is_known.any(axis=2))
+    z_low = is_known.argmax(axis=2)[tuple(columns.T)]
+    z_high = states.shape[2] - 1 - is_known[:, :, ::-1].argmax(axis=2)[tuple(columns.T)]
+    ends = [np.concatenate([columns, z[:, None]], axis=1) for z in (z_low, z_high)]
+    return np.concatenate(ends, axis=0)

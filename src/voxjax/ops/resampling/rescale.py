@@ -1,0 +1,107 @@
+"""Change of the resolution of a grid, one axis after the other."""
+
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+from ..._runtime.threads import spread
+from ..._types import UNKNOWN
+from .lattice import check_num_voxels, origin_in_voxels, origin_of_cell
+
+# Centres that lie on a border of new voxels [voxels] go to the upper one, whichever way float32 rounded.
+_TIE = 1e-4
+_PLANES = 4
+
+
+def rescale_states(
+    states: UInt8[np.ndarray, "x y z"],
+    origin: Float32[np.ndarray, "3"],
+    voxel_size: float,
+    new_voxel_size: float,
+    log_odds: Float32[np.ndarray, "x y z"] | None = None,
+) -> tuple[UInt8[np.ndarray, "u v w"], Float32[np.ndarray, "3"], Float32[np.ndarray, "u v w"] | None]:
+    """Bring a grid to another voxel size, on the lattice of multiples of the new one.
+
+    Coarser: each voxel goes where its centre lies; a new voxel is occupied if any of its parts is, else
+        free if any is,
+    and has the highest log-odds of its known parts. Finer: a new voxel has the state of the voxel that holds
+    its centre. Any ratio is fine.
+
+    Args:
+        states: 0 unknown, 1 free, 2 occupied.
+        origin: Outer corner [m].
+        voxel_size: Of the grid [m].
+        new_voxel_size: Of the result [m].
+        log_odds: Or None.
+
+    Returns:
+        States, origin and log-odds (None if not given) of the result.
+
+    Raises:
+        InputError: If the result would have more than 2**31 - 1 voxels.
+    """
+    if not all(states.shape):
+        return states, np.asarray(origin, np.float32), log_odds
+    base = origin_in_voxels(origin, voxel_size)
+    # Log-odds of unknown voxels must not win over negative ones of free voxels.
+    odds = None if log_odds is None else np.where(states == UNKNOWN, np.float32(-np.inf), log_odds)
+    plans = [_plan_axis(base[a], states.shape[a], voxel_size / new_voxel_size) for a in range(3)]
+    shape = np.array([len(index) for _, index, _ in plans])
+    check_num_voxels(shape, "the map at the new voxel size", "choose a larger voxel size")
+    states = _apply(states, plans)
+    odds = None if odds is None else _apply(odds, plans)
+    if odds is not None:
+        odds = np.where(states == UNKNOWN, np.float32(0), odds)
+    return states, origin_of_cell(np.array([low for low, _, _ in plans]), new_voxel_size), odds
+
+
+def _plan_axis(base: float, count: int, ratio: float) -> tuple[int, np.ndarray, bool]:
+    """Lowest new cell; for each new cell the first of its old ones (coarser) or its only one (finer)."""
+    if ratio < 1.0:
+        cell = np.floor((base + np.arange(count) + 0.5) * ratio + _TIE).astype(np.int64)
+        return int(cell[0]), np.flatnonzero(np.diff(cell, prepend=cell[0] - 1)), True
+    low, high = int(np.floor(base * ratio)) - 1, int(np.ceil((base + count) * ratio)) + 1
+    cell = np.arange(low, high)
+    source = np.floor((cell + 0.5) / ratio - base + _TIE).astype(np.int64)
+    inside = (source >= 0) & (source < count)
+    return int(cell[inside][0]), source[inside], False
+
+
+def _apply(values: np.ndarray, plans: list[tuple[int, np.ndarray, bool]]) -> np.ndarray:
+    """All three axes, a few planes at a time: what one axis leaves is in the cache for the next."""
+    _, index, is_coarser = plans[0]
+    result = np.empty([len(index) for _, index, _ in plans], values.dtype)
+
+    def fill(start: int) -> None:
+        rows = index[start : start + _PLANES]
+        if is_coarser:
+            end = index[start + _PLANES] if start + _PLANES < len(index) else len(values)
+            part = _largest(values[rows[0] : end], 0, rows - rows[0])
+        else:
+            part = values[rows]
+        for axis in (1, 2):
+            _, places, is_coarser_there = plans[axis]
+            part = _largest(part, axis, places) if is_coarser_there else np.take(part, places, axis=axis)
+        result[start : start + _PLANES] = part
+
+    spread(fill, range(0, len(index), _PLANES))
+    return result
+
+
+def _largest(values: np.ndarray, axis: int, first: np.ndarray) -> np.ndarray:
+    """Largest of each run of entries along an axis, by where the runs begin.
+
+    States are ordered unknown < free < occupied, so "occupied if any, else free if any" is the maximum.
+    """
+    last = np.append(first[1:], values.shape[axis]) - 1
+    largest = _entries(values, axis, first)
+    for step in range(1, int((last - first).max()) + 1):
+        # A run that has ended gives its last entry again.
+        largest = np.maximum(largest, _entries(values, axis, np.minimum(first + step, last)))
+    return largest
+
+
+def _entries(values: np.ndarray, axis: int, index: np.ndarray) -> np.ndarray:
+    steps = np.diff(index)
+    if len(steps) and steps[0] > 0 and (steps == steps[0]).all():
+        return values[(slice(None),) * axis + (slice(index[0], index[-1] + 1, steps[0]),)]
+    return np.take(values, index, axis=axis)

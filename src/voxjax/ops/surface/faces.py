@@ -1,0 +1,155 @@
+"""Which faces meet at a point: samples of the map on the quarter planes around candidate corners.
+
+Three planes through a point cut space into eight octants, each bounded by three quarter planes ("patches").
+Octant o has bit i set where it lies on the negative side of plane i. Seen from inside an octant, a patch is a
+face if it is occupied and the space just before it is free.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float32, Int32, UInt8
+
+from ..._runtime.buckets import pad_rows
+from ..._runtime.tables import as_table, table_lengths
+from ..._runtime.threads import spread
+from ..._types import FREE, OCCUPIED, Array
+
+OCTANT_SIGNS = np.asarray([[1 - 2 * ((o >> i) & 1) for i in range(3)] for o in range(8)], np.int32)
+"""Side of each plane on which octant o lies, int32 (8, 3)."""
+
+_CHUNK = 64
+"""Candidates of one step of the kernel."""
+
+_GROUP = 512
+"""Candidates that a core looks at, on host arrays."""
+
+
+class CornerFaces(NamedTuple):
+    """Shares of samples around each candidate, float32.
+
+    Attributes:
+        seen: (m, 8, 3): of patch i of octant o, occupied with free space before it inside the octant.
+        occupied: (m, 8, 3): of patch i of octant o, occupied (the same for both octants that share the
+            patch).
+        free: (m, 8): of octant o, free.
+    """
+
+    seen: Float32[Array, "m 8 3"]
+    occupied: Float32[Array, "m 8 3"]
+    free: Float32[Array, "m 8"]
+
+
+def edge_directions(normals: Float32[Array, "*m 3 3"]) -> Float32[Array, "*m 3 3"]:
+    """Unit vectors along the edges of three planes: row i lies in the two other planes, on the positive side of i."""
+    crosses = jnp.stack(
+        [jnp.cross(normals[..., (i + 1) % 3, :], normals[..., (i + 2) % 3, :]) for i in range(3)], axis=-2
+    )
+    side = jnp.sign(jnp.sum(crosses * normals, axis=-1, keepdims=True))
+    return side * crosses / jnp.maximum(jnp.linalg.norm(crosses, axis=-1, keepdims=True), 1e-9)
+
+
+def corner_faces(
+    states: UInt8[Array, "x y z"],
+    position: Float32[Array, "m 3"],
+    normals: Float32[Array, "m 3 3"],
+    *,
+    first: float = 1.5,
+    last: float = 5.5,
+) -> CornerFaces:
+    """Sample the patches and octants around candidate corners.
+
+    A sample of a patch counts as occupied if a voxel within one voxel along the plane's normal is; space
+    before it is free if a voxel 1.5 or 2.5 voxels into the octant is.
+
+    Args:
+        states: 0 unknown, 1 free, 2 occupied; outside counts as unknown.
+        position: Candidates in voxel coordinates: the centre of voxel (i, j, k) is (i, j, k).
+        normals: Unit normals of the three planes, rows; not all in one plane.
+        first: Distance of the first samples from the edges [voxel]; samples follow every voxel ...
+        last: ... up to this distance.
+
+    Returns:
+        `CornerFaces`.
+    """
+    run = partial(_flat_faces, first=first, last=last)
+    shape = np.asarray(states.shape, np.int32)
+    if (
+        isinstance(states, np.ndarray)
+        and isinstance(position, np.ndarray)
+        and isinstance(normals, np.ndarray)
+    ):
+        return _faces_in_groups(run, states.reshape(-1), shape, position, normals)
+    return run(states.reshape(-1), shape, position, normals)
+
+
+def _faces_in_groups(
+    run: Callable[..., CornerFaces],
+    flat: np.ndarray,
+    shape: np.ndarray,
+    position: np.ndarray,
+    normals: np.ndarray,
+) -> CornerFaces:
+    """Any number of candidates on a block of any size, compiling nothing new."""
+    table = jax.device_put(as_table(flat, table_lengths(flat.size, 0)[0]))
+
+    def look(start: int) -> list[np.ndarray]:
+        some = slice(start, start + _GROUP)
+        count = len(position[some])
+        filled = np.broadcast_to(np.eye(3, dtype=np.float32), (_GROUP, 3, 3)).copy()
+        filled[:count] = normals[some]
+        return [np.asarray(a)[:count] for a in run(table, shape, pad_rows(position[some], _GROUP), filled)]
+
+    groups = spread(look, range(0, max(len(position), 1), _GROUP))
+    return CornerFaces(*(np.concatenate(part) for part in zip(*groups, strict=True)))
+
+
+@partial(jax.jit, static_argnames=("first", "last"))
+def _flat_faces(
+    flat: UInt8[Array, "flat"], shape: Int32[Array, "3"], position: Float32[Array, "m 3"],
+    normals: Float32[Array, "m 3 3"], *, first: float, last: float,
+) -> CornerFaces:  # fmt: skip
+    """`corner_faces` on a flat block, so that maps of other shapes compile nothing."""
+    margin = int(np.ceil(3 * last)) + 4
+    strides = jnp.stack([shape[1] * shape[2], shape[2], jnp.ones_like(shape[2])])
+    steps = jnp.arange(first, last + 0.5, 1.0, dtype=jnp.float32)
+    signs = jnp.asarray(OCTANT_SIGNS, jnp.float32)
+
+    def look_up(points: Array) -> Array:
+        # Far points are clipped first, so that whole numbers cannot overflow.
+        index = jnp.round(jnp.clip(points, -margin, 1e6)).astype(jnp.int32)
+        inside = jnp.all((index >= 0) & (index < jnp.broadcast_to(shape, index.shape)), axis=-1)
+        linear = jnp.sum(
+            jnp.where(inside[..., None], index, 0) * jnp.broadcast_to(strides, index.shape),
+            axis=-1,
+            dtype=jnp.int32,
+        )
+        return jnp.where(inside, flat[linear], jnp.uint8(0))
+
+    def one(candidate: tuple[Array, Array]) -> CornerFaces:
+        centre, n = candidate
+        edges = edge_directions(n)
+        seen, occupied = [], []
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            along_j = steps[None, :, None, None] * signs[:, None, None, j, None] * edges[j][None, None, None]
+            along_k = steps[None, None, :, None] * signs[:, None, None, k, None] * edges[k][None, None, None]
+            points = centre[None, None, None] + along_j + along_k
+            inward = signs[:, None, None, i, None] * n[i][None, None, None]
+            hit = jnp.stack([look_up(points + t * inward) == OCCUPIED for t in (-1.0, 0.0, 1.0)]).any(axis=0)
+            open_ = jnp.stack([look_up(points + t * inward) == FREE for t in (1.5, 2.5)]).any(axis=0)
+            occupied.append(jnp.mean(hit, axis=(1, 2), dtype=jnp.float32))
+            seen.append(jnp.mean(hit & open_, axis=(1, 2), dtype=jnp.float32))
+        depth = jnp.asarray([1.5, 3.0], jnp.float32)
+        a, b, c = jnp.meshgrid(depth, depth, depth, indexing="ij")
+        inner = jnp.stack([a, b, c], axis=-1).reshape(1, 8, 3) * signs[:, None, :]
+        free = look_up(centre[None, None] + inner @ edges) == FREE
+        return CornerFaces(
+            jnp.stack(seen, axis=-1), jnp.stack(occupied, axis=-1), jnp.mean(free, axis=1, dtype=jnp.float32)
+        )
+
+    return jax.lax.map(one, (position, normals), batch_size=_CHUNK)

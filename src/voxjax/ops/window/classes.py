@@ -1,0 +1,179 @@
+"""Sliding cube window: how the number of voxels that it holds changes when the window moves.
+
+Pure kernels on dense grids. Voxels outside the grid count as empty, exactly as if the grid were infinite. Windows are
+counted once, on the grid and a margin of one move around it; every direction reads those counts.
+"""
+
+from collections.abc import Iterator
+from functools import partial
+from itertools import product
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import UInt8
+
+from ..._checks import check_choice
+from ..._types import Array
+from .box import MAX_SIZE as MAX_SIZE
+from .box import Occupied as Occupied
+from .box import box_count as box_count
+from .box import check_size
+from .box_sums import separable
+
+# 400,000 % of any count is more than any change, and times the largest count fits int32.
+_MOST_PERCENT = 400_000
+_MORE_THAN_ANY_CHANGE = MAX_SIZE**3 + 1
+
+
+def shift_directions(shift: int) -> np.ndarray:
+    """The 13 directions of a voxel lattice as moves by `shift` voxels along one, two or three axes, int32 (13, 3)."""
+    directions = [d for d in product((-1, 0, 1), repeat=3) if d > (0, 0, 0)]
+    return shift * np.asarray(directions, np.int32)
+
+
+@partial(jax.jit, static_argnames=("size", "shift"))
+def count_change(occupied: Occupied, *, size: int = 7, shift: int = 4) -> UInt8[Array, "x y z 13"]:
+    """Change of the occupied count when the window moves, per direction (section III).
+
+    The change along a direction is the larger of |count(p + m) - count(p)| and |count(p - m) - count(p)|, as
+    a percentage of count(p), where m is the move of `shift_directions(shift)`.
+
+    Args:
+        occupied: True (or not 0) where a voxel is occupied.
+        size: Window edge [voxel]; odd, 1 to 15.
+        shift: Voxels moved along each axis of a direction, at least 1; size // 2 + 1 takes the window off a face that
+            it was centred on.
+
+    Returns:
+        uint8 percentages, at most 255, for the 13 directions in the order of `shift_directions`; 0 where the
+        window is empty.
+
+    Raises:
+        InputError: If `size` is even, below 1 or above 15.
+    """
+    if 0 in occupied.shape:
+        return jnp.zeros((*occupied.shape, 13), jnp.uint8)
+    counts = _counts_with_margin(occupied, check_size(size), shift)
+    here = _moved(counts, occupied.shape, shift, np.zeros(3, np.int32)).astype(jnp.float32)
+    bound = jnp.maximum(here, jnp.float32(1))
+    percent = []
+    for ahead, behind in _pairs(counts, occupied.shape, shift):
+        high = jnp.maximum(ahead, behind).astype(jnp.float32)
+        low = jnp.minimum(ahead, behind).astype(jnp.float32)
+        change = jnp.float32(100) * jnp.maximum(high - here, here - low)
+        change = jnp.where(here > 0, jnp.minimum(change, jnp.float32(255) * bound), jnp.float32(0))
+        # As uint8 before they are stacked: the stack keeps all 13 in memory.
+        percent.append(_whole_ratio(change, bound).astype(jnp.uint8))
+    return jnp.stack(percent, axis=-1)
+
+
+@partial(jax.jit, static_argnames=("size", "shift"))
+def count_steady_directions(
+    occupied: Occupied, min_change: Array, *, size: int = 7, shift: int = 4
+) -> UInt8[Array, "x y z"]:
+    """Number of the 13 directions along which the count does not change significantly (section III).
+
+    Args:
+        occupied: True (or not 0) where a voxel is occupied.
+        min_change: int32 scalar: percentage from which a change (see `count_change`) is significant.
+        size: Window edge [voxel]; odd, 1 to 15.
+        shift: Voxels moved along each axis of a direction.
+
+    Returns:
+        uint8 in [0, 13].
+
+    Raises:
+        InputError: If `size` is even, below 1 or above 15.
+    """
+    if 0 in occupied.shape:
+        return jnp.zeros(occupied.shape, jnp.uint8)
+    counts = _counts_with_margin(occupied, check_size(size), shift)
+    return steady_directions(counts, min_change, occupied.shape, shift).astype(jnp.uint8)
+
+
+@partial(jax.jit, static_argnames=("size", "shift", "implementation"))
+def window_classes(
+    occupied: Occupied, min_change: Array, *, size: int = 7, shift: int = 4, implementation: str | None = None
+) -> UInt8[Array, "x y z"]:
+    """Count and classify in one kernel: flat, edge and corner voxels by their steady directions (section III).
+
+    Args:
+        occupied: True (or not 0) where a voxel is occupied.
+        min_change: int32 scalar: percentage from which a change (see `count_change`) is significant.
+        size: Window edge [voxel]; odd, 1 to 15.
+        shift: Voxels moved along each axis of a direction, at least 1.
+        implementation: "passes": whole-array passes, on any device. "pallas": two kernels, on a GPU only; the second
+            reads counts only near occupied voxels. None takes "passes": "pallas" was not yet measured.
+
+    Returns:
+        uint8: 0 not occupied, 1 flat (two steady directions or more), 2 edge (one), 3 corner (none). "passes" holds
+        the counts while it runs, in temporary memory of about 3.3 bytes a voxel; they are no result.
+
+    Raises:
+        InputError: If `size` is even, below 1 or above 15, or the implementation is unknown.
+        NotImplementedError: If "pallas" is asked for where it cannot run.
+    """
+    size = check_size(size)
+    if implementation is not None:
+        check_choice("implementation", implementation, ("passes", "pallas"))
+    if 0 in occupied.shape:
+        return jnp.zeros(occupied.shape, jnp.uint8)
+    if implementation == "pallas":
+        from .box_pallas import window_classes_pallas
+
+        return window_classes_pallas(occupied, min_change, size, shift)
+    counts = _counts_with_margin(occupied, size, shift)
+    return classes_of_counts(counts, occupied, min_change, shift)
+
+
+def classes_of_counts(counts: Array, occupied: Array, min_change: Array, shift: int) -> jax.Array:
+    """Classes as `window_classes` from counts with a margin of `shift` voxels on every side."""
+    steady = steady_directions(counts, min_change, occupied.shape, shift)
+    three, one = jnp.uint16(3), jnp.uint16(1)
+    kind = jnp.where(steady >= 2, one, three - steady)
+    return jnp.where(jnp.asarray(occupied).astype(jnp.bool_), kind, jnp.uint16(0)).astype(jnp.uint8)
+
+
+def steady_directions(counts: Array, min_change: Array, shape: tuple[int, ...], shift: int) -> jax.Array:
+    """Number of directions without a significant change, uint16, from counts with a margin of `shift` voxels.
+
+    100 |there - here| < min_change * here, for both senses, is |there - here| < t with t the quotient rounded up: one
+    subtraction and one comparison of uint16 each, the wrap of negative numbers included.
+    """
+    here = _moved(counts, shape, shift, np.zeros(3, np.int32))
+    percent = jnp.clip(jnp.asarray(min_change, jnp.int32), 0, _MOST_PERCENT)
+    quotient = jax.lax.div(percent * here.astype(jnp.int32) + 99, jnp.int32(100))
+    bound = jnp.minimum(quotient, _MORE_THAN_ANY_CHANGE).astype(jnp.uint16)
+    lowest = here - bound + jnp.uint16(1)
+    width = jnp.where(bound > 0, jnp.uint16(2) * bound - jnp.uint16(1), jnp.uint16(0))
+    steady = jnp.zeros(shape, jnp.uint16)
+    for ahead, behind in _pairs(counts, shape, shift):
+        steady += ((ahead - lowest < width) & (behind - lowest < width)).astype(jnp.uint16)
+    return steady
+
+
+def _counts_with_margin(occupied: Array, size: int, shift: int) -> jax.Array:
+    """Counts of the grid and `shift` voxels around it; the barrier keeps them from being summed for each direction."""
+    is_occupied = jnp.asarray(occupied).astype(jnp.bool_)
+    return jax.lax.optimization_barrier(separable(is_occupied, size, margin=shift))
+
+
+def _pairs(counts: Array, shape: tuple[int, ...], shift: int) -> Iterator[tuple[jax.Array, jax.Array]]:
+    """Counts one move ahead and one behind, for each of the 13 directions."""
+    for move in shift_directions(shift):
+        yield _moved(counts, shape, shift, move), _moved(counts, shape, shift, -move)
+
+
+def _moved(counts: Array, shape: tuple[int, ...], shift: int, move: np.ndarray) -> jax.Array:
+    """Counts at each voxel plus `move`."""
+    start = [shift + int(m) for m in move]
+    return jax.lax.slice(counts, start, [s + n for s, n in zip(start, shape, strict=True)])
+
+
+def _whole_ratio(numerator: Array, denominator: Array) -> jax.Array:
+    """Quotient rounded down of whole float32 below 2**20, exactly; integers are not divided in vectors."""
+    ratio = jnp.floor(numerator / denominator)
+    # Division on a GPU may be off by some units in the last place, enough to miss a whole number by one.
+    rest = numerator - ratio * denominator
+    return ratio + (rest >= denominator).astype(jnp.float32) - (rest < 0).astype(jnp.float32)

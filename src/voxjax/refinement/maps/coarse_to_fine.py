@@ -1,0 +1,118 @@
+"""Coarse to fine: robust scales that fall, and coarser maps for starts beyond the reach of the maps' own fields."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..._checks import check_positive
+from ..._runtime.threads import spread
+from ..._types import Array
+from ...maps.prepared import PreparedMap, prepare_map
+from ..solve.equations import move_about
+
+START_DISTANCE, FINAL_DISTANCE = 4.0, 1.0
+"""Robust scale of the first and of the last level [voxel]."""
+
+LEVELS_PER_OCTAVE = 2
+"""Levels while the robust scale halves."""
+
+COARSE_POINTS = 2048
+"""Voxels of coarsened maps to use."""
+
+SIDE_TURN = 20.0
+"""Turns about each axis from which far starts are led as well [degrees]."""
+
+
+class CoarseLevel(NamedTuple):
+    """Maps to lead starts along.
+
+    Attributes:
+        maps: Coarsened.
+        scales: Robust scales to lead them with [m].
+    """
+
+    maps: list[PreparedMap]
+    scales: Float[np.ndarray, "levels"]
+
+
+def checked_distances(
+    max_distance: float | None, final_distance: float | None, voxel_size: float
+) -> tuple[float, float]:
+    """Robust scales at the start and at the end [m]; None takes 4 voxels and 1.
+
+    Raises:
+        InputError: If one is not positive.
+    """
+    first = START_DISTANCE * voxel_size if max_distance is None else max_distance
+    last = FINAL_DISTANCE * voxel_size if final_distance is None else final_distance
+    first = check_positive("max_distance", first, "m")
+    return first, min(check_positive("final_distance", last, "m"), first)
+
+
+def robust_scales(first: float, last: float) -> Float[np.ndarray, "levels"]:
+    """Robust scale of each level, falling [m]."""
+    num_levels = max(int(np.ceil(LEVELS_PER_OCTAVE * np.log2(first / last) - 1e-6)), 1)
+    return np.geomspace(last, first, num_levels)[::-1].astype(np.float32)
+
+
+def scales_in_reach(first: float, last: float, voxel_size: float) -> Float[np.ndarray, "levels"]:
+    """Robust scales for maps of a voxel size, the first of them within the reach of their fields [m]."""
+    return robust_scales(min(first, START_DISTANCE * voxel_size), last)
+
+
+def coarse_factors(first: float) -> list[int]:
+    """Factors by which maps are coarsened for a robust scale of `first` voxels, coarsest first; none up to 4 voxels."""
+    doublings = max(int(np.ceil(np.log2(first / START_DISTANCE) - 1e-6)), 0)
+    return [2**k for k in range(doublings, 0, -1)]
+
+
+def coarse_levels(maps: Sequence[PreparedMap], first: float, voxel_size: float) -> list[CoarseLevel]:
+    """Maps coarser by powers of two, coarsest first: to lead starts to within the reach of the maps themselves.
+
+    Args:
+        maps: At their own voxel size.
+        first: Robust scale at the start [m].
+        voxel_size: Of the maps, or of the coarsest of them [m].
+    """
+    levels = []
+    for factor in coarse_factors(first / voxel_size):
+        grids = [prepared.grid for prepared in maps]
+        coarser = spread(
+            lambda grid, factor=factor: prepare_map(grid.with_voxel_size(factor * grid.voxel_size)), grids
+        )
+        width = START_DISTANCE * factor * voxel_size
+        levels.append(CoarseLevel(coarser, robust_scales(min(width, first), width / 2)))
+    return levels
+
+
+def turned(T_a_b: Float[Array, "4 4"], centroid: Float[Array, "3"]) -> Float[Array, "turns 4 4"]:
+    """A pose, and the same turned about the image of the centroid, either way about each axis.
+
+    Far turns end in other valleys more often than far shifts: far starts are led with turned ones.
+    """
+    turns = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)]) * np.radians(SIDE_TURN)
+    tangents = np.concatenate([np.zeros_like(turns), turns], axis=1).astype(T_a_b.dtype)
+    return jax.vmap(move_about, in_axes=(None, None, 0))(T_a_b, jnp.asarray(centroid), jnp.asarray(tangents))
+
+
+def better(
+    start: Float[Array, "*poses 4 4"],
+    before: Float[Array, "*costs"],
+    found: Float[Array, "*poses 4 4"],
+    after: Float[Array, "*costs"],
+) -> tuple[Float[Array, "*poses 4 4"], Float[Array, "*costs"]]:
+    """What was found after a start was led, or the start where that was better before, and what it costs.
+
+    Args:
+        start: One pose, or several of which each has a cost, or many of a joint problem with one cost.
+        before: What it costs.
+        found: Poses found.
+        after: What they cost.
+    """
+    is_better: Bool[Array, "*costs"] = jnp.asarray(after < before)
+    each = is_better.reshape(is_better.shape + (1,) * (start.ndim - is_better.ndim))
+    return jnp.where(each, found, start), jnp.where(is_better, after, before)

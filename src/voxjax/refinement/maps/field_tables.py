@@ -1,0 +1,94 @@
+"""Fields near the surfaces of a map, for the residuals that read values between voxel centres."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ..._runtime.buckets import pad_rows, wide_bucket_size
+from ..._runtime.tables import reserve
+from ..._types import FREE, OCCUPIED, Array
+from ...maps.prepared import FIELD_RADIUS, PreparedMap
+from ...ops.evidence.nearest import NOTHING_NEAR, split_keys
+from ..residuals.distance import plane_distances
+from ..residuals.fields import Field
+from ..residuals.planes import Surface
+
+BAND_SQ = 9
+"""Opinions of voxels within three voxels of a surface are told apart; beyond, free is free."""
+
+LEAST_VALUES = 1 << 16
+"""Values of the shortest field; lengths climb in wide steps, so that maps share compiled kernels."""
+
+
+def distance_field_of(prepared: PreparedMap, surface: Surface) -> Field:
+    """Truncated distances from the planes of a map, signed where its normals say which side is free.
+
+    Row 0 of the values is the end of the reach, that of all voxels that are farther, and of what is outside.
+
+    Args:
+        prepared: The map.
+        surface: Its planes, which may be traced: the field is differentiable in them.
+    """
+    keys = _keys(prepared)
+    cells = np.flatnonzero(keys != NOTHING_NEAR)
+    voxel_size = jnp.asarray(surface.voxel_size)
+    reach = jnp.asarray(FIELD_RADIUS, voxel_size.dtype) * voxel_size
+    sides = np.asarray(prepared.sides)[: len(surface.points)]
+    is_signed = sides.any(axis=1) & prepared.has_free_space
+    length = wide_bucket_size(len(cells), LEAST_VALUES)
+    nearest = pad_rows(np.asarray(split_keys(keys[cells])[0]), length)
+    centres = prepared.grid.world_from_index(_unravel(cells, prepared)).astype(voxel_size.dtype)
+    distances = plane_distances(
+        pad_rows(centres, length),
+        nearest,
+        jnp.asarray(surface.points),
+        jnp.asarray(surface.normals),
+        is_signed,
+        voxel_size=voxel_size,
+        reach=reach,
+    )
+    return _field(prepared, cells, 1, jnp.concatenate([reach[None], distances]))
+
+
+def opinion_field_of(prepared: PreparedMap, said: Float[Array, "x y z"] | None = None) -> Field:
+    """What a map says of each voxel, 1 occupied, -1 free, 0 unknown, which is also what it says of all beyond it.
+
+    Row 0 of the values is the unknown, row 1 all free space that is far from surfaces.
+
+    Args:
+        prepared: The map.
+        said: Opinions of all voxels of its grid (see `residuals.occupancy.opinion`); they may be traced. None takes
+            the states.
+    """
+    states = np.asarray(prepared.grid.states).reshape(-1)
+    keys = _keys(prepared)
+    is_near = (keys != NOTHING_NEAR) & (np.asarray(split_keys(keys)[1]) <= BAND_SQ)
+    cells = np.flatnonzero(is_near)
+    length = wide_bucket_size(len(cells), LEAST_VALUES)
+    if said is None:
+        near = np.where(states[cells] == OCCUPIED, 1.0, np.where(states[cells] == FREE, -1.0, 0.0))
+        near = jnp.asarray(pad_rows(near.astype(np.float32), length))
+    else:
+        near = jnp.asarray(said).reshape(-1)[pad_rows(cells, length)]
+    values = jnp.concatenate([jnp.asarray([0.0, -1.0], near.dtype), near])
+    field = _field(prepared, cells, 2, values)
+    rows = np.asarray(field.rows)
+    rows[np.flatnonzero((states == FREE) & ~is_near)] = 1
+    return field._replace(rows=jax.device_put(rows))
+
+
+def _keys(prepared: PreparedMap) -> np.ndarray:
+    return np.asarray(prepared.keys)[: prepared.grid.states.size]
+
+
+def _unravel(cells: np.ndarray, prepared: PreparedMap) -> np.ndarray:
+    return np.stack(np.unravel_index(cells, prepared.grid.shape), axis=-1)
+
+
+def _field(prepared: PreparedMap, cells: np.ndarray, first: int, values: Array) -> Field:
+    rows = reserve(len(prepared.keys), dtype=np.int32)
+    rows[cells] = np.arange(first, first + len(cells), dtype=np.int32)
+    dims, origin, voxel_size = prepared.block
+    origin, voxel_size = (np.asarray(value, values.dtype) for value in (origin, voxel_size))
+    return Field(rows, dims, origin, voxel_size, values, np.asarray(0, np.int32))

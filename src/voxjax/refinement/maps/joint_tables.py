@@ -1,0 +1,129 @@
+"""Surfaces and fields of many maps in common tables, which all pairs of maps read: one copy of each map."""
+
+import itertools
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from ..._checks import InputError
+from ..._runtime.buckets import wide_bucket_size
+from ..._runtime.tables import as_table, table_lengths
+from ..._types import Array
+from ...maps.prepared import PreparedMap
+from ...ops.evidence.nearest import INDEX_BITS, NOTHING_NEAR
+from ..residuals.atlas import AtlasField, AtlasSurface
+from ..residuals.fields import Field
+from ..residuals.planes import Surface
+from .field_tables import LEAST_VALUES
+from .parts import Target
+
+LEAST_ROWS = 1 << 14
+"""Rows of the shortest lists of voxels that are weighed; lengths climb in wide steps."""
+
+
+def in_common_tables(targets: Sequence[Target], maps: Sequence[PreparedMap]) -> list[Target]:
+    """The same with surfaces and fields in common tables, of lengths that are few; differentiable in what is traced.
+
+    Args:
+        targets: Of each map, all for the same kinds of residuals.
+        maps: The maps.
+
+    Raises:
+        InputError: If the maps are too large for one table.
+    """
+    sizes = [int(np.prod(np.asarray(prepared.dims), dtype=np.int64)) for prepared in maps]
+    counts = [prepared.num_points for prepared in maps]
+    if sum(sizes) > np.iinfo(np.int32).max or sum(counts) >= 1 << INDEX_BITS:
+        raise InputError(
+            f"grids must have fewer than {np.iinfo(np.int32).max} voxels and {1 << INDEX_BITS} occupied ones "
+            f"together, got {sum(sizes)} and {sum(counts)}; refine them at a larger voxel size."
+        )
+    surfaces = _surfaces([target.surface for target in targets], sizes, counts)
+    distances, opinions = (
+        _fields([getattr(target, kind) for target in targets], sizes) for kind in ("distances", "opinions")
+    )
+    return [
+        Target(surface, distance, opinion, target.has_free_space)
+        for surface, distance, opinion, target in zip(surfaces, distances, opinions, targets, strict=True)
+    ]
+
+
+def _surfaces(surfaces: Sequence[Surface], sizes: Sequence[int], counts: Sequence[int]) -> list[AtlasSurface]:
+    """One after the other: keys of as many cells and lists of as many rows as each map has."""
+    num_cells, num_rows = table_lengths(sum(sizes), sum(counts))
+    is_soft = any(surface.trust is not None for surface in surfaces)
+    if is_soft:  # derivatives are as long
+        num_rows = wide_bucket_size(sum(counts), LEAST_ROWS)
+    first_cells, first_rows = _firsts(sizes), _firsts(counts)
+
+    def keys(surface: Surface, size: int, row: int) -> np.ndarray:
+        own = np.asarray(surface.keys)[:size]
+        return np.where(own == NOTHING_NEAR, own, own + np.uint32(row))
+
+    def rows(name: str) -> Array:
+        parts = zip(surfaces, counts, strict=True)
+        return _table([getattr(surface, name)[:count] for surface, count in parts], num_rows)
+
+    def trust_of(surface: Surface, count: int) -> Array:
+        return np.ones(count, surface.points.dtype) if surface.trust is None else surface.trust[:count]
+
+    all_keys = _table([keys(*each) for each in zip(surfaces, sizes, first_rows, strict=True)], num_cells)
+    anchors, normals, planarity = (rows(name) for name in ("points", "normals", "planarity"))
+    trusts = [trust_of(*each) for each in zip(surfaces, counts, strict=True)] if is_soft else []
+    trust = _table(trusts, num_rows) if is_soft else None
+    return [
+        AtlasSurface(
+            keys=all_keys,
+            dims=np.append(np.asarray(surface.dims), cell).astype(np.int32),
+            origin=surface.origin,
+            voxel_size=surface.voxel_size,
+            points=anchors,
+            normals=normals,
+            planarity=planarity,
+            is_signed=surface.is_signed,
+            trust=trust,
+        )
+        for surface, cell in zip(surfaces, first_cells, strict=True)
+    ]
+
+
+def _fields(fields: Sequence[Field | None], sizes: Sequence[int]) -> list[AtlasField] | list[None]:
+    """One after the other, with rows of as many cells as each map has; None where there is none of a kind."""
+    given = [field for field in fields if field is not None]
+    if not given:
+        return [None] * len(fields)
+    counts = [len(field.values) for field in given]
+    num_cells, _ = table_lengths(sum(sizes), 0)
+    first_cells, first_rows = _firsts(sizes), _firsts(counts)
+    parts = zip(given, sizes, first_rows, strict=True)
+    all_rows = _table(
+        [np.asarray(field.rows)[:size] + np.int32(row) for field, size, row in parts], num_cells
+    )
+    values = _table([field.values for field in given], wide_bucket_size(sum(counts), LEAST_VALUES))
+    return [
+        AtlasField(
+            rows=all_rows,
+            dims=np.append(np.asarray(field.dims), cell).astype(np.int32),
+            origin=field.origin,
+            voxel_size=field.voxel_size,
+            values=values,
+            outside=np.asarray(field.outside + row, np.int32),
+        )
+        for field, cell, row in zip(given, first_cells, first_rows, strict=True)
+    ]
+
+
+def _firsts(lengths: Sequence[int]) -> list[int]:
+    """Where each of several lists begins, one after the other."""
+    return list(itertools.accumulate(lengths, initial=0))[:-1]
+
+
+def _table(parts: Sequence[Array], length: int) -> Array:
+    """Parts one after the other, followed by zeros up to a length; traced where a part is."""
+    if not any(isinstance(part, Tracer) for part in parts):
+        return jax.device_put(as_table(np.concatenate([np.asarray(part) for part in parts]), length))
+    whole = jnp.concatenate([jnp.asarray(part) for part in parts])
+    return jnp.zeros((length, *whole.shape[1:]), whole.dtype).at[: len(whole)].set(whole)

@@ -1,0 +1,137 @@
+"""What residuals need of a map: the tables that points are held against, and points to hold against other maps."""
+
+from collections.abc import Collection
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ..._types import FREE, OCCUPIED, Array
+from ...maps.prepared import sample_rows
+from ...ops.evidence.nearest import split_keys
+from ..residuals.fields import Field
+from ..residuals.planes import MIN_PLANARITY, Sample, Surface
+from .field_tables import distance_field_of, opinion_field_of
+from .views import MapView, hard_view
+
+NEAR_SQ = 4
+"""Free voxels up to two voxels from a surface say where it is not; farther ones agree under any small motion."""
+
+
+class Target(NamedTuple):
+    """A map as points of another are held against it; None for what the kinds of residuals do not read.
+
+    Attributes:
+        surface: Its planes.
+        distances: Its distance field.
+        opinions: What it says of each place.
+        has_free_space: Whether its normals point to free space.
+    """
+
+    surface: Surface
+    distances: Field | None
+    opinions: Field | None
+    has_free_space: bool
+
+
+class Points(NamedTuple):
+    """A map's points as they are held against another; None for what the kinds of residuals do not read.
+
+    Attributes:
+        sample: On its planes.
+        opinions: Voxel centres near its surfaces, and what it says of each.
+        has_free_space: Whether its normals point to free space.
+    """
+
+    sample: Sample
+    opinions: tuple[Sample, Float[Array, "n"]] | None
+    has_free_space: bool
+
+
+def target_of(view: MapView, kinds: Collection[str]) -> Target:
+    """What residuals of some kinds read of a map that points are held against."""
+    surface = surface_of(view, is_signed=view.prepared.has_free_space)
+    return Target(
+        surface,
+        distance_field_of(view.prepared, surface) if "distances" in kinds else None,
+        opinion_field_of(view.prepared, view.said) if "occupancies" in kinds else None,
+        view.prepared.has_free_space,
+    )
+
+
+def points_of(view: MapView, kinds: Collection[str], num_points: int) -> Points:
+    """The points that residuals of some kinds bring onto another map."""
+    opinions = _said_points(view, num_points) if "occupancies" in kinds else None
+    return Points(sample_of(view, num_points), opinions, view.prepared.has_free_space)
+
+
+def surface_of(view: MapView, *, is_signed: bool) -> Surface:
+    """What the residuals need of a map's planes; `is_signed` if free space tells sides apart in both maps."""
+    dims, origin, voxel_size = view.prepared.block
+    dtype = view.anchors.dtype
+    return Surface(
+        keys=view.prepared.keys,
+        dims=dims,
+        origin=np.asarray(origin, dtype),
+        voxel_size=np.asarray(voxel_size, dtype),
+        points=view.anchors,
+        normals=view.normals,
+        planarity=view.planarity,
+        is_signed=jax.device_put(np.bool_(is_signed)),
+        trust=view.occupancy,
+    )
+
+
+def sample_of(view: MapView, num_points: int) -> Sample:
+    """`num_points` voxels of a map, drawn by leverage; voxels repeat where the map has fewer."""
+    prepared, dtype = view.prepared, view.anchors.dtype
+    rows = sample_rows(prepared, num_points)
+    weights = np.full(num_points, 1.0 / num_points, dtype)
+    is_planar = (np.asarray(prepared.planarity)[rows] > MIN_PLANARITY).astype(dtype)[:, None]
+    centroid = np.asarray(prepared.centroid).astype(dtype)
+    if view.occupancy is None:
+        normals = np.asarray(view.normals)[rows] * is_planar
+        return Sample(np.asarray(view.anchors)[rows], normals, weights, centroid)
+    normals = jax.lax.stop_gradient(jnp.asarray(view.normals)[rows]) * is_planar
+    return Sample(view.anchors[rows], normals, weights * view.occupancy[rows], centroid)
+
+
+def centre_of(view: MapView, num_points: int) -> tuple[Float[Array, "3"], Float[Array, ""]]:
+    """Centroid and radius [m] of a map by its states, which count as constants, in the dtype of the view."""
+    hard, dtype = sample_of(hard_view(view.prepared), num_points), view.anchors.dtype
+    return hard.centroid.astype(dtype), radius_of(hard).astype(dtype)
+
+
+def radius_of(sample: Sample) -> Float[np.ndarray, ""]:
+    """Root mean square distance of the sample from the centroid [m]."""
+    offset = np.asarray(sample.points) - np.asarray(sample.centroid)[None, :]
+    return np.asarray(max(np.sqrt((offset**2).sum(axis=1).mean()), 1e-3), np.float32)
+
+
+def _said_points(view: MapView, num_points: int) -> tuple[Sample, Float[Array, "n"]]:
+    """Voxel centres near surfaces, as many free as occupied ones, with what the map says of them.
+
+    The occupied ones are drawn by leverage, the free ones evenly.
+    """
+    prepared, dtype = view.prepared, view.anchors.dtype
+    grid, count = prepared.grid, num_points // 2
+    # Where nothing is near, the key gives a distance beyond all.
+    _, distance_sq = split_keys(np.asarray(prepared.keys)[: grid.states.size])
+    states = np.asarray(grid.states).reshape(-1)
+    free = np.flatnonzero((np.asarray(distance_sq) <= NEAR_SQ) & (states == FREE))
+    rows = sample_rows(prepared, num_points - (count if len(free) else 0))
+    index = grid.occupied_index()[rows]
+    if len(free):
+        chosen = free[(np.arange(count) * len(free)) // max(count, 1)]
+        index = np.concatenate([index, np.stack(np.unravel_index(chosen, grid.shape), axis=-1)])
+    points = grid.world_from_index(index).astype(dtype)
+    if view.said is None:
+        is_occupied = np.asarray(grid.states)[tuple(index.T)] == OCCUPIED
+        said = np.where(is_occupied, 1.0, -1.0).astype(dtype)
+    else:
+        said = jnp.asarray(view.said)[tuple(index.T)]
+    weights = np.full(len(index), 1.0 / len(index), dtype)
+    centroid = np.asarray(prepared.centroid).astype(dtype)
+    return Sample(points, np.zeros_like(points), weights, centroid), said

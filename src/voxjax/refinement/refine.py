@@ -1,0 +1,212 @@
+"""Refinement of a pose on the surfaces of two maps, by optimistix (section IV.D)."""
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Bool, Float, Int32
+
+from .._checks import InputError, check_choice, check_pose
+from .._results import RESULTS
+from .._runtime.threads import spread
+from .._types import Array
+from ..grid import VoxelGrid
+from ..maps.prepared import PreparedMap
+from .maps.coarse_to_fine import (
+    COARSE_POINTS,
+    CoarseLevel,
+    better,
+    checked_distances,
+    coarse_levels,
+    scales_in_reach,
+    turned,
+)
+from .maps.many_starts import solve_starts
+from .maps.pair import checked_residuals, pose_problem
+from .maps.views import views_of
+from .residuals.losses import Loss
+from .residuals.terms import Term
+from .solve.covariance import PATCH_VOXELS, PRIOR, pose_covariance
+from .solve.pose import problem_cost, solve_pose
+from .solve.problem import PoseProblem
+
+
+class Refinement(eqx.Module):
+    """Outcome of `voxjax.refine`; every array with a leading axis k if there were k starts.
+
+    Attributes:
+        T_a_b: float32 (4, 4): maps points of b into a. Never worse than the start under the cost.
+        covariance: float32 (6, 6) of the tangent (translation [m], rotation [rad]) about the centroid of map
+            b expressed in frame a.
+        result: `successful`, `not_converged`, `degenerate` or `empty_map`.
+        num_steps: Evaluations of the residuals, all levels together.
+        cost_before: Robust cost of the start, in [0, 1] for bounded losses.
+        cost_after: The same after refinement.
+    """
+
+    T_a_b: Float[Array, "*starts 4 4"]
+    covariance: Float[Array, "*starts 6 6"]
+    result: RESULTS
+    num_steps: Int32[Array, "*starts"]
+    cost_before: Float[Array, "*starts"]
+    cost_after: Float[Array, "*starts"]
+
+
+def refine(
+    a: VoxelGrid | PreparedMap,
+    b: VoxelGrid | PreparedMap,
+    T_a_b: object,
+    *,
+    max_distance: float | None = None,
+    final_distance: float | None = None,
+    num_points: int = 8192,
+    loss: Loss = "geman_mcclure",
+    both_ways: bool = False,
+    residuals: Mapping[str, float] | None = None,
+    terms: Sequence[Term] = (),
+    soft: bool = False,
+) -> Refinement:
+    """Refine a pose so that the occupied voxels of b lie on the surfaces of a.
+
+    Robust point-to-plane Levenberg-Marquardt, coarse to fine: the robust scale shrinks from `max_distance` to
+    `final_distance` (graduated non-convexity), so that a pose several voxels off is pulled in and what only one map saw
+    lets go. Starts farther off than the field of nearest voxels reaches are first refined on coarser maps.
+
+    The result is differentiable (`jax.grad`, `jax.jvp`) by the implicit function theorem: with `soft`, in the log-odds
+    of both maps; in whatever floats in `terms`; and in the start where a term holds it (`refinement.Prior`),
+    because otherwise the solution does not depend on its start. Which voxels are used, and which is nearest, is decided
+    by the states, and is constant. For more (weights of points, parameters of residuals, pairs under vmap) make a
+    `refinement.maps.pair.pose_problem` and give it to `refinement.solve.pose.solve_pose`.
+
+    Args:
+        a: The map whose frame the pose maps into.
+        b: The map that is moved.
+        T_a_b: Start, (4, 4); or (k, 4, 4), k starts: those that meet on the way are carried on once.
+        max_distance: Robust scale at the start [m]; None takes 4 voxels of a.
+        final_distance: Robust scale at the end [m]; None takes 1 voxel of a.
+        num_points: Voxels of b to use, chosen by what they rule out.
+        loss: "geman_mcclure" (bounded), "cauchy", "huber" or "squared".
+        both_ways: Bring also the voxels of a onto the surfaces of b, each way with half of the weight: the errors of
+            both maps' planes average out, and the maps the other way round give the inverse pose.
+        residuals: Kinds of residuals and their weights: "planes" (point to plane), "distances" (truncated distance
+            field, signed where free space tells sides apart), "occupancies" (soft agreement, conflicts with free space
+            four times as dear as the unknown). None: planes alone.
+        terms: Further residuals, as `refinement.CornerPairs`.
+        soft: Weigh voxels by their probabilities. Both maps must be grids with log-odds.
+
+    Returns:
+        The refined pose with its covariance; the start itself where no better one was found.
+
+    Raises:
+        InputError: If the start is no rigid transform, a length is not positive, a kind is not known, or log-odds are
+            traced without `soft` (the result would not depend on them).
+
+    References:
+        Section IV.D and V.B: the exact transform comes from the matches and their neighbouring points.
+    """
+    check_choice("loss", loss, ("geman_mcclure", "cauchy", "huber", "squared"))
+    if num_points < 1:
+        raise InputError(f"num_points must be 1 or more, got {num_points}.")
+    kinds = checked_residuals(residuals)
+    start = _checked_start(T_a_b)
+    target, other = views_of({"a": a, "b": b}, soft=soft)
+    if target is None or other is None:
+        return _nothing_to_refine(start)
+    voxel = target.prepared.grid.voxel_size
+    first, last = checked_distances(max_distance, final_distance, voxel)
+    coarse = coarse_levels([target.prepared, other.prepared], first, voxel)
+    led = _lead(start, other.prepared.centroid, coarse, loss=loss, both_ways=both_ways)
+    problem = pose_problem(
+        target, other, residuals=kinds, num_points=num_points, loss=loss, both_ways=both_ways
+    )
+    planes = problem
+    if kinds.get("planes") != 1.0:
+        planes = pose_problem(target, other, num_points=num_points, both_ways=both_ways)
+    problem = PoseProblem((*problem.terms, *terms), problem.centroid, problem.radius)
+    scales = scales_in_reach(first, last, voxel).astype(problem.centroid.dtype)
+    solve = solve_starts if start.ndim == 3 else solve_pose
+    found = solve(problem, led, scales)
+    if coarse:
+        (before,) = _each(lambda T: (problem_cost(problem, T, scales),), start)
+        T, after = better(start, before, found.T_a_b, found.cost_after)
+        found = found._replace(T_a_b=T, cost_before=before, cost_after=after)
+    num_patches = np.asarray(other.prepared.num_points / PATCH_VOXELS, scales.dtype)
+    covariance = partial(pose_covariance, planes, scale=scales[-1], num_patches=num_patches)
+    covariances, is_degenerate = _each(covariance, found.T_a_b)
+    outcome = jax.vmap(_outcome) if start.ndim == 3 else _outcome
+    return Refinement(
+        T_a_b=found.T_a_b,
+        covariance=covariances,
+        result=outcome(jnp.asarray(found.converged), jnp.asarray(is_degenerate)),
+        num_steps=found.num_steps,
+        cost_before=found.cost_before,
+        cost_after=found.cost_after,
+    )
+
+
+def _lead(
+    start: Array, centroid: Array, coarse: Sequence[CoarseLevel], *, loss: Loss, both_ways: bool
+) -> Array:
+    """Lead a start or several along coarser maps, to within the reach of the maps themselves.
+
+    A single start goes with turned ones; the pose of least cost on the finest of the coarser maps is taken.
+
+    Args:
+        start: One, or several.
+        centroid: Of map b [m].
+        coarse: Both maps, coarsened; without a level the start stays.
+        loss: What a large offset costs.
+        both_ways: See `refine`.
+    """
+    led = jax.lax.stop_gradient(jax.device_put(start))
+    if not coarse:
+        return led
+    is_single = led.ndim == 2
+    poses = np.asarray(turned(led, centroid) if is_single else led)
+    costs: Array = np.zeros(len(poses), poses.dtype)
+    for maps, scales in coarse:
+        problem = pose_problem(*maps, num_points=COARSE_POINTS, loss=loss, both_ways=both_ways)
+        found = solve_starts(problem, poses, scales.astype(poses.dtype))
+        poses, costs = np.asarray(found.T_a_b), found.cost_after
+    return jnp.asarray(poses[np.argmin(costs)] if is_single else poses)
+
+
+def _outcome(converged: Bool[Array, ""], is_degenerate: Bool[Array, ""]) -> RESULTS:
+    ended = RESULTS.where(converged, RESULTS.successful, RESULTS.not_converged)
+    return RESULTS.where(is_degenerate, RESULTS.degenerate, ended)
+
+
+def _each(function: Callable[[Array], tuple[Array, ...]], poses: Array) -> tuple[Array, ...]:
+    """A function of a pose, of one or of each of several."""
+    if poses.ndim == 2:
+        return function(poses)
+    return tuple(np.stack(column) for column in zip(*spread(function, list(poses)), strict=True))
+
+
+def _checked_start(T_a_b: object) -> Array:
+    """One start or several; a traced one is taken as it is."""
+    if isinstance(T_a_b, jax.Array) and isinstance(T_a_b, Tracer):
+        return T_a_b
+    poses = np.asarray(T_a_b)
+    if poses.ndim != 3:
+        return check_pose("T_a_b", T_a_b)
+    if not len(poses):
+        raise InputError("T_a_b must hold at least one start, got none.")
+    return np.stack([check_pose(f"T_a_b[{number}]", pose) for number, pose in enumerate(poses)])
+
+
+def _nothing_to_refine(start: Array) -> Refinement:
+    """The start, with a covariance that says that nothing is known."""
+    batch = start.shape[:-2]
+    one = np.ones(batch, np.float32)
+    unknown = np.broadcast_to(np.eye(6, dtype=np.float32) * np.float32(PRIOR**2), (*batch, 6, 6))
+    result = RESULTS.empty_map
+    if batch:
+        result = jax.vmap(lambda is_known: RESULTS.where(is_known, RESULTS.successful, RESULTS.empty_map))(
+            jnp.zeros(batch, bool)
+        )
+    return Refinement(start, unknown, result, np.zeros(batch, np.int32), one, one)

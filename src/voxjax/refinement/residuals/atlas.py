@@ -1,0 +1,55 @@
+"""The surfaces and fields of many maps in common tables: what differs from map to map is then a few numbers.
+
+Kernels that work on many pairs of maps at once read the same tables for all of them; stacked, each pair would have a
+copy of its own.
+"""
+
+from ..._types import Array
+from ...ops.evidence.lookup import Block
+from .fields import Field
+from .planes import Surface
+
+
+class AtlasBlock(Block):
+    """Where the cells of one map lie in the common table.
+
+    Attributes:
+        dims: Size of the map's block [voxel], then the number of its first cell.
+    """
+
+    __slots__ = ()
+
+    def cells_at(self, places: list[Array]) -> tuple[Array, Array]:
+        """See `Block`; cells are numbered over all maps."""
+        cell, is_inside = super().cells_at(places)
+        return cell + self.dims[3], is_inside
+
+
+class AtlasSurface(Surface):
+    """A `Surface` whose keys, points, normals, planarities and trust are those of all maps, one after the other.
+
+    Attributes:
+        dims: Size of the map's block [voxel], then the number of its first cell.
+    """
+
+    __slots__ = ()
+
+    @property
+    def block(self) -> AtlasBlock:
+        """Where the map's keys lie."""
+        return AtlasBlock(self.dims, self.origin, self.voxel_size)
+
+
+class AtlasField(Field):
+    """A `Field` whose rows and values are those of all maps, one after the other; `outside` is the map's own.
+
+    Attributes:
+        dims: Size of the map's block [voxel], then the number of its first cell.
+    """
+
+    __slots__ = ()
+
+    @property
+    def block(self) -> AtlasBlock:
+        """Where the map's rows lie."""
+        return AtlasBlock(self.dims, self.origin, self.voxel_size)

@@ -1,0 +1,103 @@
+"""The poses of N maps that minimise the residuals between them: differentiable, and safe under jit and grad."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import lineax as lx
+from jaxtyping import Bool, Float, Int32
+
+from ..._types import Array
+from .equations import move_about, tangent_slopes
+from .joint_problem import JointProblem
+from .levels import COARSE_STRIDE, MAX_LEVEL_STEPS, RANK_TOLERANCE, lead, no_worse, settle
+
+DIRECT_MAPS = 8
+"""Up to so many maps the matrix of the implicit function theorem is made whole and decomposed, which takes a pass over
+all residuals for each unknown; conjugate gradients take one for each of their steps."""
+
+
+class RefinedPoses(NamedTuple):
+    """Arrays that `solve_joint` gives.
+
+    Attributes:
+        poses: `T_world_map`, together never worse than the start at the last level.
+        cost_before: Of the start, at the last level.
+        cost_after: Of `poses`.
+        num_steps: Evaluations, all levels together.
+        converged: Whether the last level did.
+    """
+
+    poses: Float[Array, "maps 4 4"]
+    cost_before: Float[Array, ""]
+    cost_after: Float[Array, ""]
+    num_steps: Int32[Array, ""]
+    converged: Bool[Array, ""]
+
+
+class _Charts(NamedTuple):
+    """Poses as six unknowns a map around a start, in units in which their steps are of order one."""
+
+    start: Float[Array, "maps 4 4"]
+    centroids: Float[Array, "maps 3"]
+    units: Float[Array, "maps 6"]
+    is_fixed: Bool[Array, "maps"]
+
+    def poses(self, unknowns: Float[Array, "maps 6"]) -> Float[Array, "maps 4 4"]:
+        """The poses of unknowns."""
+        moved = jax.vmap(move_about)(self.start, self.centroids, unknowns * self.units)
+        return jnp.where(self.is_fixed[:, None, None], self.start, moved)
+
+    def slopes(self, unknowns: Float[Array, "maps 6"]) -> Float[Array, "maps 6 6"]:
+        """Tangents about the images of the centroids with a change of the unknowns; 0 for maps that stay."""
+        slopes = jax.vmap(tangent_slopes)(unknowns * self.units) * self.units[:, None, :]
+        return jnp.where(self.is_fixed[:, None, None], jnp.zeros_like(slopes), slopes)
+
+
+def _charts_about(start: Float[Array, "maps 4 4"], problem: JointProblem, scale: Float[Array, ""]) -> _Charts:
+    one = jnp.ones((start.shape[0], 3), start.dtype)
+    units = jnp.concatenate([one, one / problem.radii[:, None]], axis=1) * scale
+    return _Charts(start, problem.centroids, units, problem.is_fixed)
+
+
+@eqx.filter_jit
+def solve_joint(
+    problem: JointProblem,
+    poses: Float[Array, "maps 4 4"],
+    scales: Float[Array, "levels"],
+    *,
+    max_level_steps: int = MAX_LEVEL_STEPS,
+) -> RefinedPoses:
+    """Minimise the residuals of all pairs from a start, as `solve_pose` does for one: coarse to fine, then held.
+
+    The derivative is that of the solution by the implicit function theorem (forward and reverse mode): with respect to
+    everything floating in the problem and to the last scale; that with respect to the start is 0, as of one pose (see
+    `solve_pose`). Directions that nothing fixes have a derivative of 0.
+
+    Args:
+        problem: With at least one pair; its dtype, float32 or float64, is that of the result.
+        poses: Start: `T_world_map` of each map.
+        scales: Robust scale of each level, falling [m].
+        max_level_steps: Evaluations on each level.
+
+    References:
+        Pulli, Multiview Registration for Large Data Sets, 1999; Yang et al., Graduated Non-Convexity for Robust Spatial
+        Perception, 2020.
+    """
+    start = jnp.asarray(poses)
+    found, steps = start, jnp.zeros((), jnp.int32)
+    if scales.shape[0] > 1:
+        thinned, charts = problem.thinned(COARSE_STRIDE), _charts_about(start, problem, scales[-2])
+        found, steps, _ = lead(thinned, charts, scales, max_level_steps=max_level_steps)
+    tolerance, is_small = RANK_TOLERANCE[start.dtype], start.shape[0] <= DIRECT_MAPS
+    least = float(jnp.finfo(start.dtype).tiny)
+    refined, more, is_converged = settle(
+        problem,
+        _charts_about(found, problem, scales[-1]),
+        scales,
+        max_level_steps=max_level_steps,
+        linear_solver=lx.SVD(rcond=tolerance) if is_small else lx.CG(rtol=tolerance, atol=least),
+        tags=frozenset({lx.symmetric_tag if is_small else lx.positive_semidefinite_tag}),
+    )
+    return RefinedPoses(*no_worse(problem, start, refined, scales), steps + more, is_converged)

@@ -1,0 +1,173 @@
+"""Sparse normal equations of many poses: a block for each map, and one for each pair."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import lineax as lx
+from jaxtyping import Float, Int32
+
+from ... import rigid
+from ..._types import Array
+from .equations import NormalEquations
+
+DENSE_MAPS = 32
+"""Up to so many maps a dense factorisation is quicker than conjugate gradients, whose work grows with the pairs."""
+
+CG_TOLERANCE = 1e-5
+"""Share of the slope that conjugate gradients may leave: what they leave, the next step of the solver takes."""
+
+CG_STEPS = 200
+"""Steps of conjugate gradients at most; each brings information one pair farther."""
+
+_multiply = jax.vmap(jnp.matmul)
+
+
+class JointEquations(NamedTuple):
+    """A least-squares problem of N poses to second order, six unknowns a map.
+
+    Attributes:
+        cost: Half the sum of squares.
+        slope: Its gradient.
+        own: Diagonal blocks of the Gauss-Newton matrix.
+        cross: Blocks of the pairs: row of unknowns `first`, column `second`. The matrix has their transposes too.
+        first: First map of each pair.
+        second: Second map of each pair.
+    """
+
+    cost: Float[Array, ""]
+    slope: Float[Array, "maps 6"]
+    own: Float[Array, "maps 6 6"]
+    cross: Float[Array, "pairs 6 6"]
+    first: Int32[Array, "pairs"]
+    second: Int32[Array, "pairs"]
+
+    def along(self, slopes: Float[Array, "maps 6 6"]) -> "JointEquations":
+        """The same in other unknowns, with which those of a map change by its `slopes`."""
+        across = jnp.swapaxes(slopes, -1, -2)
+        return self._replace(
+            slope=_multiply(across, self.slope),
+            own=_multiply(across, _multiply(self.own, slopes)),
+            cross=_multiply(across[self.first], _multiply(self.cross, slopes[self.second])),
+        )
+
+    def times(self, move: Float[Array, "maps 6"]) -> Float[Array, "maps 6"]:
+        """The matrix times a vector."""
+        back = _multiply(jnp.swapaxes(self.cross, -1, -2), move[self.first])
+        product = _multiply(self.own, move).at[self.first].add(_multiply(self.cross, move[self.second]))
+        return product.at[self.second].add(back)
+
+    def dense(self) -> Float[Array, "k k"]:
+        """The matrix, maps one after the other."""
+        num_maps = self.slope.shape[0]
+        each = jnp.arange(num_maps)
+        blocks = jnp.zeros((num_maps, num_maps, 6, 6), self.own.dtype).at[each, each].add(self.own)
+        blocks = blocks.at[self.first, self.second].add(self.cross)
+        blocks = blocks.at[self.second, self.first].add(jnp.swapaxes(self.cross, -1, -2))
+        return jnp.swapaxes(blocks, 1, 2).reshape(6 * num_maps, 6 * num_maps)
+
+    def damped(self, damping: Float[Array, ""]) -> "JointEquations":
+        """With a share of the diagonal added to it; positive definite also where no residual sees a direction."""
+        diagonal = jnp.diagonal(self.own, axis1=-2, axis2=-1)
+        info = jnp.finfo(diagonal.dtype)
+        # What rounding may take off an eigenvalue grows with the number of unknowns.
+        floor = jnp.asarray(diagonal.size * info.eps, diagonal.dtype) * jnp.max(diagonal) + info.tiny
+        return self._replace(own=self.own + jax.vmap(jnp.diag)(damping * diagonal + floor))
+
+    def step(self, damping: Float[Array, ""]) -> Float[Array, "maps 6"]:
+        """The damped step; 0 along what no residual sees."""
+        damped = self.damped(damping)
+        return dense_step(damped) if self.slope.shape[0] <= DENSE_MAPS else sparse_step(damped)
+
+    def fall(self, move: Float[Array, "maps 6"]) -> Float[Array, ""]:
+        """By how much the cost should fall with a step."""
+        return -jnp.vdot(move, self.slope) - 0.5 * jnp.vdot(move, self.times(move))
+
+
+def dense_step(equations: JointEquations) -> Float[Array, "maps 6"]:
+    """Step to the minimum of equations that are positive definite, by Cholesky's factors of the whole matrix."""
+    operator = lx.MatrixLinearOperator(jnp.asarray(equations.dense()), lx.positive_semidefinite_tag)
+    solution = lx.linear_solve(operator, -equations.slope.reshape(-1), lx.Cholesky(), throw=False)
+    return solution.value.reshape(equations.slope.shape)
+
+
+def sparse_step(equations: JointEquations) -> Float[Array, "maps 6"]:
+    """The same by conjugate gradients, preconditioned with the inverses of the maps' blocks."""
+    slope = equations.slope
+    struct = jax.eval_shape(lambda: slope)
+    factors = jnp.linalg.cholesky(equations.own)
+
+    def precondition(rest: Array) -> Array:
+        return jax.vmap(lambda factor, part: jax.scipy.linalg.cho_solve((factor, True), part))(factors, rest)
+
+    solver = lx.CG(rtol=CG_TOLERANCE, atol=float(jnp.finfo(slope.dtype).tiny), max_steps=CG_STEPS)
+    operator, inverse = (
+        lx.FunctionLinearOperator(function, struct, tags=lx.positive_semidefinite_tag)
+        for function in (equations.times, precondition)
+    )
+    return lx.linear_solve(operator, -slope, solver, options={"preconditioner": inverse}, throw=False).value
+
+
+def relative_pose(T_world_a: Float[Array, "4 4"], T_world_b: Float[Array, "4 4"]) -> Float[Array, "4 4"]:
+    """`T_a_b`; differences first, so that float32 keeps its digits far from the world's origin."""
+    turn = T_world_a[:3, :3].T
+    rotation = jnp.matmul(turn, T_world_b[:3, :3], precision=jax.lax.Precision.HIGHEST)
+    shift = jnp.matmul(turn, T_world_b[:3, 3] - T_world_a[:3, 3], precision=jax.lax.Precision.HIGHEST)
+    return rigid.from_rotation_translation(rotation, shift)
+
+
+def relative_slopes(
+    T_world_a: Float[Array, "4 4"],
+    T_world_b: Float[Array, "4 4"],
+    centroid_a: Float[Array, "3"],
+    centroid_b: Float[Array, "3"],
+    pivot: Float[Array, "3"],
+) -> tuple[Float[Array, "6 6"], Float[Array, "6 6"]]:
+    """How the tangent of `T_a_b` changes with those of `T_world_a` and of `T_world_b`.
+
+    Those of the maps are about their centroids in the world, that of the pair about `pivot`, in frame b, seen from a.
+    """
+    turn = T_world_a[:3, :3].T
+    centre = rigid.apply(T_world_b, pivot)
+
+    def slopes(image: Array) -> Array:
+        arm = jnp.matmul(turn, image - centre, precision=jax.lax.Precision.HIGHEST)
+        return rigid.adjoint(rigid.from_rotation_translation(turn, arm))
+
+    # b moves in frame a as in the world; a motion of a moves b the other way.
+    return -slopes(rigid.apply(T_world_a, centroid_a)), slopes(rigid.apply(T_world_b, centroid_b))
+
+
+class PairEquations(NamedTuple):
+    """A pair's problem to second order, and what it has to do with the poses of its maps.
+
+    Attributes:
+        equations: In the tangent of `T_a_b`.
+        slopes_a: How that changes with the tangent of `T_world_a`, see `relative_slopes`.
+        slopes_b: The same of `T_world_b`.
+    """
+
+    equations: NormalEquations
+    slopes_a: Float[Array, "*pairs 6 6"]
+    slopes_b: Float[Array, "*pairs 6 6"]
+
+
+def spread_pairs(
+    pairs: PairEquations, first: Int32[Array, "pairs"], second: Int32[Array, "pairs"], num_maps: int
+) -> JointEquations:
+    """Equations of all maps from those of the pairs, which are stacked.
+
+    Args:
+        pairs: Stacked on a leading axis.
+        first: Map a of each pair.
+        second: Map b of each pair.
+        num_maps: Number of maps.
+    """
+    (cost, slope, matrix), *slopes = pairs
+    left_a, left_b = (jnp.swapaxes(each, -1, -2) for each in slopes)
+    on_a, on_b = (_multiply(matrix, each) for each in slopes)
+    total = jnp.zeros((num_maps, 6), slope.dtype)
+    total = total.at[first].add(_multiply(left_a, slope)).at[second].add(_multiply(left_b, slope))
+    own = jnp.zeros((num_maps, 6, 6), slope.dtype)
+    own = own.at[first].add(_multiply(left_a, on_a)).at[second].add(_multiply(left_b, on_b))
+    return JointEquations(jnp.sum(cost, dtype=cost.dtype), total, own, _multiply(left_a, on_b), first, second)

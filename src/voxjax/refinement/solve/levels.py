@@ -1,0 +1,245 @@
+"""From a start to a solution, of one pose or of many: coarse to fine, then with matches held, then differentiable."""
+
+from typing import Any, NamedTuple, Protocol, no_type_check, runtime_checkable
+
+import jax
+import jax.numpy as jnp
+import lineax as lx
+import numpy as np
+import optimistix as optx
+from jaxtyping import Bool, Float, Int32, PyTree
+
+from ..._types import Array
+from ..residuals.terms import Level
+from .problem import sum_of_squares
+from .solver import AnnealedLevenbergMarquardt, Stage
+
+MAX_LEVEL_STEPS = 12
+"""Evaluations of the residuals on each level, with matches looked up anew."""
+
+MAX_LAST_STEPS = 24
+"""Evaluations with matches that are held."""
+
+COARSE_STEP = 0.03
+"""A level before the last one ends with a step below this [robust scale]: the next level moves the pose anyway."""
+
+FINE_STEP = 2e-3
+"""Matches are held once a step is below this [robust scale]."""
+
+COARSE_STRIDE = 8
+"""Levels before the last one use one point in so many: they only lead to the basin."""
+
+ATOL = {np.dtype(np.float32): 1e-4, np.dtype(np.float64): 1e-9}
+"""The last step is below this [robust scale], by dtype."""
+
+RTOL = {np.dtype(np.float32): 1e-6, np.dtype(np.float64): 1e-15}
+"""Sums of squares are no more exact than this, by dtype."""
+
+RANK_TOLERANCE = {np.dtype(np.float32): 1e-5, np.dtype(np.float64): 1e-10}
+"""Directions whose curvature is below this share of the largest are not fixed, and have no derivative."""
+
+SAME_POSE = 0.02
+"""Poses whose entries differ by less than this [last robust scale in metres] are one."""
+
+
+@runtime_checkable
+class Problem(Protocol):
+    """Residuals as a function of a pose, or of many; see `PoseProblem` and `JointProblem`."""
+
+    def rows(self, poses: Array, level: Level, /) -> PyTree:
+        """Residuals."""
+        ...
+
+    def cost(self, poses: Array, level: Level, /) -> Array:
+        """Sum of the squares of all residuals."""
+        ...
+
+    def met(self, poses: Array, /) -> tuple[PyTree, ...]:
+        """What the points meet."""
+        ...
+
+    def holding(self, met: tuple[PyTree, ...], /) -> "Problem":
+        """The problem with that held."""
+        ...
+
+    def equations(self, poses: Array, level: Level, /) -> Any:
+        """Normal equations of the tangents."""
+        ...
+
+    def no_equations(self, dtype: Any, /) -> Any:
+        """What is known before the first evaluation."""
+        ...
+
+
+@runtime_checkable
+class Chart(Protocol):
+    """Poses around a start as unknowns, in units in which their steps are of order one."""
+
+    @property
+    def units(self) -> Array:
+        """Of the unknowns [m, rad]."""
+        ...
+
+    def poses(self, unknowns: Array, /) -> Array:
+        """The poses that they stand for."""
+        ...
+
+    def slopes(self, unknowns: Array, /) -> Array:
+        """Tangents about the images of the centroids with a change of the unknowns."""
+        ...
+
+
+class Descent(NamedTuple):
+    """Where a descent ended.
+
+    Attributes:
+        poses: One or many.
+        num_steps: Evaluations.
+        is_converged: Whether the last stage did.
+    """
+
+    poses: Float[Array, "..."]
+    num_steps: Int32[Array, ""]
+    is_converged: Bool[Array, ""]
+
+
+class _Args(NamedTuple):
+    """What residuals depend on beside the unknowns."""
+
+    problem: Any
+    chart: Any
+    scales: Float[Array, "levels"]
+
+    def level(self, number: Int32[Array, ""]) -> Level:
+        return Level(self.scales[number], number)
+
+    def last_level(self) -> Level:
+        return self.level(jnp.asarray(self.scales.shape[0] - 1, jnp.int32))
+
+
+def lead(
+    problem: Problem,
+    chart: Chart,
+    scales: Float[Array, "levels"],
+    *,
+    levels: tuple[int, int] | None = None,
+    max_level_steps: int,
+) -> Descent:
+    """Down the levels before the last one, or from one of them to before another; without a derivative."""
+    first, stop = levels or (0, scales.shape[0] - 1)
+    stages = [Stage(k, COARSE_STEP, max_level_steps) for k in range(first, stop)]
+    args = jax.lax.stop_gradient(_Args(problem, chart, scales))
+    return _descend(args, tuple(stages), optx.ImplicitAdjoint(), frozenset())
+
+
+def settle(
+    problem: Problem,
+    chart: Chart,
+    scales: Float[Array, "levels"],
+    *,
+    max_level_steps: int,
+    linear_solver: lx.AbstractLinearSolver,
+    tags: frozenset[object],
+) -> Descent:
+    """Down the last level, then with what the points meet there held: smooth, so that the solution can be exact.
+
+    Args:
+        problem: In whose floating arrays the solution is differentiable.
+        chart: Of the poses, about where they are now.
+        scales: Robust scale of each level, of which the last one is used [m].
+        max_level_steps: Evaluations with matches looked up anew.
+        linear_solver: For the system of the implicit function theorem.
+        tags: Of its matrix.
+    """
+    last, dtype = scales.shape[0] - 1, chart.units.dtype
+    stages = (
+        Stage(last, FINE_STEP, max_level_steps, rough=COARSE_STEP),
+        Stage(last, ATOL[dtype], MAX_LAST_STEPS, is_held=True),
+    )
+    args = _Args(problem, jax.lax.stop_gradient(chart), scales)
+    return _descend(args, stages, _HeldAdjoint(linear_solver), tags)
+
+
+def no_worse(
+    problem: Problem, start: Float[Array, "*maps 4 4"], found: Float[Array, "*maps 4 4"], scales: Array
+) -> tuple[Float[Array, "*maps 4 4"], Float[Array, ""], Float[Array, ""]]:
+    """What was found, or the start where that costs as little at the last level; the costs of the start and of these.
+
+    A start that is the solution but for rounding stays, with the derivative of the solution.
+    """
+    level = Level(scales[-1], jnp.asarray(scales.shape[0] - 1, jnp.int32))
+    before, after = problem.cost(start, level), problem.cost(found, level)
+    is_better = after < before
+    is_same = jnp.max(jnp.abs(found - start)) < SAME_POSE * scales[-1]
+    kept = start + jnp.where(is_same, found - jax.lax.stop_gradient(found), jnp.zeros_like(found))
+    return jnp.where(is_better, found, kept), before, jnp.where(is_better, after, before)
+
+
+def _descend(
+    args: _Args, stages: tuple[Stage, ...], adjoint: optx.AbstractAdjoint, tags: frozenset[object]
+) -> Descent:
+    units = args.chart.units
+    solver = AnnealedLevenbergMarquardt(
+        rtol=RTOL[units.dtype],
+        atol=stages[-1].least,
+        stages=stages,
+        lookup=_lookup,
+        unknown=_unknown,
+        equations=_equations,
+    )
+    solution = optx.least_squares(
+        _residuals,
+        solver,
+        jnp.zeros_like(units),
+        args,
+        max_steps=sum(stage.max_steps for stage in stages),
+        adjoint=adjoint,
+        tags=tags,
+        throw=False,
+    )
+    steps = jnp.asarray(solution.stats["num_steps"], jnp.int32)
+    return Descent(args.chart.poses(solution.value), steps, solution.stats["is_converged"])
+
+
+def _residuals(unknowns: Array, args: _Args) -> PyTree:
+    return args.problem.rows(args.chart.poses(unknowns), args.last_level())
+
+
+def _lookup(unknowns: Array, args: _Args) -> tuple[PyTree, ...]:
+    return args.problem.met(args.chart.poses(unknowns))
+
+
+def _unknown(unknowns: Array, args: _Args) -> Any:
+    return args.problem.no_equations(unknowns.dtype)
+
+
+def _equations(unknowns: Array, met: tuple[PyTree, ...], args: _Args, number: Int32[Array, ""]) -> Any:
+    poses = args.chart.poses(unknowns)
+    return args.problem.holding(met).equations(poses, args.level(number)).along(args.chart.slopes(unknowns))
+
+
+class _HeldAdjoint(optx.ImplicitAdjoint):
+    """Derivative of a solution whose residuals hold what they looked up at a place that the solver names."""
+
+    def apply(self, primal_fn: Any, rewrite_fn: Any, inputs: PyTree, tags: frozenset[object]) -> PyTree:
+        """See `optimistix.AbstractAdjoint`."""
+        del rewrite_fn
+        return super().apply(primal_fn, _slope_of_held, inputs, tags)
+
+
+@no_type_check  # optimistix takes plain functions only, not what run-time checks wrap them into.
+def _slope_of_held(unknowns, results, inputs):
+    """Slope of the cost in the unknowns, which is 0 at the solution.
+
+    Args:
+        unknowns: Of the solution.
+        results: What optimistix returns beside it; the solver's own come last.
+        inputs: Of the solve.
+    """
+    args, place = inputs[3], results[-1]["place"]
+    held = args.problem.holding(_lookup(place, args))
+
+    def cost(unknowns):
+        return 0.5 * sum_of_squares(held.rows(args.chart.poses(unknowns), args.last_level()))
+
+    return jax.grad(cost)(unknowns)

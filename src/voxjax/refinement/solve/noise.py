@@ -1,0 +1,120 @@
+"""Covariance of a refined pose by the implicit function theorem: what errors of the voxels do to the solution."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int32
+
+from ..._types import Array
+from ..residuals.planes import MatchedPlanes
+from ..residuals.terms import Columns, Level, PointTerm, robust_rows
+from .equations import move_about
+from .problem import PoseProblem, sum_of_squares
+
+NUM_PATCHES = 512
+"""Patches that are told apart; more share errors by chance, which overstates the covariance a little."""
+
+LEAST_CURVATURE = 1e-4
+"""Directions with less than this share of the largest curvature are not fixed: the prior is all that is known."""
+
+UNKNOWN = 1e6
+"""Variance of such a direction without the prior [prior^2]."""
+
+_PRIMES = (73856093, 19349663, 83492791)
+
+
+@jax.jit
+def implicit_covariance(
+    problem: PoseProblem,
+    T_a_b: Float[Array, "4 4"],
+    scale: Float[Array, ""],
+    *,
+    deviation: Float[Array, ""],
+    patch: Float[Array, ""],
+    prior: Float[Array, "6"],
+) -> Float[Array, "6 6"]:
+    """Covariance of the tangent about the centroid of b in frame a.
+
+    The surfaces of both maps err by patches: all voxels in a cube of space are off by one vector, independent of the
+    other cubes' and of the other map's. The solution moves by `-H^-1 (dg/de) e` with the vectors e, where g is the
+    slope of the cost and H its full Hessian, curvature of the loss and of the rotation included. Where Gauss-Newton
+    takes the offsets of points for independent and the loss for quadratic, this takes neither. What resists
+    motion along planes is left out: it is the grid, not the place.
+
+    Trust it only where nothing slides (`Refinement.result` is not `degenerate`): normals count as exact, so that where
+    surfaces fix a direction by their roughness alone it claims to know it (`notebooks/04_refinement.ipynb`).
+
+    Args:
+        problem: Of which the pose is the solution; what its points meet is held.
+        T_a_b: Refined pose.
+        scale: Robust scale of the last level [m].
+        deviation: Of each coordinate of the errors [m].
+        patch: Edge of the cubes [m].
+        prior: Deviation of each unknown without any observation [m, rad].
+
+    References:
+        Censi, An accurate closed-form estimate of ICP's covariance, 2007.
+    """
+    dtype = T_a_b.dtype
+    held = _without_slide(problem.holding(problem.met(T_a_b)))
+    level = Level(scale, jnp.zeros((), jnp.int32))
+
+    def cost(tangent: Array, errors: tuple[Array, Array]) -> Array:
+        T = move_about(T_a_b, problem.centroid, tangent)
+        rows = [
+            _shaken(term, T, errors, level, patch) if isinstance(term, PointTerm) else term.rows(T, level)
+            for term in held.terms
+        ]
+        return 0.5 * sum_of_squares(rows)
+
+    still = jnp.zeros(6, dtype)
+    quiet = (jnp.zeros((NUM_PATCHES, 3), dtype), jnp.zeros((NUM_PATCHES, 3), dtype))
+    curvature = jax.hessian(cost)(still, quiet)
+    pulls = jax.jacrev(jax.grad(cost), argnums=1)(still, quiet)
+    spread = sum((jnp.einsum("ipc,jpc->ij", pull, pull) for pull in pulls), start=jnp.zeros((6, 6), dtype))
+    # In units of the prior, so that metres and radians are alike.
+    curvature, spread = (matrix * prior[:, None] * prior[None, :] for matrix in (curvature, spread))
+    values, vectors = jnp.linalg.eigh(0.5 * (curvature + curvature.T))
+    is_fixed = values > LEAST_CURVATURE * jnp.max(values)
+    inverse = jnp.where(is_fixed, 1.0 / jnp.where(is_fixed, values, 1.0), 0.0)
+    inner = vectors.T @ spread @ vectors * deviation**2
+    observed = inverse[:, None] * inner * inverse[None, :] + jnp.diag(jnp.where(is_fixed, 0.0, UNKNOWN))
+    # Together with the prior: (C^-1 + I)^-1, without the inverse of what may be singular.
+    both = jnp.linalg.solve(observed + jnp.eye(6, dtype=dtype), observed)
+    found = vectors @ (0.5 * (both + both.T)) @ vectors.T
+    return found * prior[:, None] * prior[None, :]
+
+
+def _without_slide(problem: PoseProblem) -> PoseProblem:
+    terms = [
+        dataclasses.replace(term, slide=jnp.zeros_like(term.slide))
+        if isinstance(term, MatchedPlanes)
+        else term
+        for term in problem.terms
+    ]
+    return PoseProblem(tuple(terms), problem.centroid, problem.radius)
+
+
+def _shaken(
+    term: PointTerm, T_a_b: Array, errors: tuple[Array, Array], level: Level, patch: Array
+) -> Float[Array, "k n"]:
+    """Rows with the surfaces of both maps off by the errors of their patches, each in the frame of its map."""
+    placed = term.placed(T_a_b, jnp.zeros(3, T_a_b.dtype))
+    rotation = T_a_b[:3, :3]
+    own, other = (errors[0], errors[1]) if term.is_inverse else (errors[1], errors[0])
+    turn = rotation.T if term.is_inverse else rotation
+    mine = own[_patches(list(term.points().T), patch)] @ turn.T
+    theirs = other[_patches(placed.points, patch)]
+    points = [column + mine[:, i] - theirs[:, i] for i, column in enumerate(placed.points)]
+    return robust_rows(term.offsets(points, level), term.weights(), term.loss)
+
+
+def _patches(points: Columns, patch: Array) -> Int32[Array, "n"]:
+    """Number of the cube of space that each point lies in."""
+    mixed = jnp.zeros(points[0].shape, jnp.int32)
+    for column, prime in zip(points, _PRIMES, strict=True):
+        cube = jnp.floor(jax.lax.stop_gradient(column) / patch).astype(jnp.int32)
+        mixed = mixed ^ (cube * np.int32(prime))
+    return mixed & (NUM_PATCHES - 1)

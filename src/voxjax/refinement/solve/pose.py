@@ -1,0 +1,188 @@
+"""The pose that minimises the residuals between two maps: differentiable, and safe under jit, vmap and grad."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import lineax as lx
+from jaxtyping import Bool, Float, Int32
+
+from ..._runtime.programs import kept_program
+from ..._types import Array
+from ..residuals.terms import Level
+from .equations import move_about, tangent_slopes
+from .levels import COARSE_STRIDE, MAX_LEVEL_STEPS, RANK_TOLERANCE, Problem, lead, no_worse, settle
+from .problem import PoseProblem
+
+
+class RefinedPose(NamedTuple):
+    """Arrays that `solve_pose` gives.
+
+    Attributes:
+        T_a_b: Never worse than the start at the last level.
+        cost_before: Of the start, at the last level.
+        cost_after: Of `T_a_b`.
+        num_steps: Evaluations, all levels together.
+        converged: Whether the last level did.
+    """
+
+    T_a_b: Float[Array, "4 4"]
+    cost_before: Float[Array, ""]
+    cost_after: Float[Array, ""]
+    num_steps: Int32[Array, ""]
+    converged: Bool[Array, ""]
+
+
+class _Chart(NamedTuple):
+    """Poses as six unknowns around a start, in units in which their steps are of order one."""
+
+    start: Float[Array, "4 4"]
+    centroid: Float[Array, "3"]
+    units: Float[Array, "6"]
+
+    def poses(self, unknowns: Float[Array, "6"]) -> Float[Array, "4 4"]:
+        """The pose of unknowns."""
+        return move_about(self.start, self.centroid, unknowns * self.units)
+
+    def slopes(self, unknowns: Float[Array, "6"]) -> Float[Array, "6 6"]:
+        """Tangent about the image of the centroid with a change of the unknowns."""
+        return tangent_slopes(unknowns * self.units) * self.units[None, :]
+
+
+def _chart_about(start: Float[Array, "4 4"], problem: PoseProblem, scale: Float[Array, ""]) -> _Chart:
+    one = jnp.ones(3, start.dtype)
+    return _Chart(start, problem.centroid, jnp.concatenate([one, one / problem.radius]) * scale)
+
+
+@kept_program
+@eqx.filter_jit
+def problem_cost(
+    problem: Problem, poses: Float[Array, "*maps 4 4"], scales: Float[Array, "levels"]
+) -> Float[Array, ""]:
+    """Cost of a pose, or of many of a joint problem, at the last level."""
+    return problem.cost(jnp.asarray(poses), Level(scales[-1], jnp.asarray(scales.shape[0] - 1, jnp.int32)))
+
+
+@eqx.filter_jit
+def find_basin(
+    problem: PoseProblem,
+    T_a_b: Float[Array, "4 4"],
+    scales: Float[Array, "levels"],
+    *,
+    levels: tuple[int, int] | None = None,
+    max_level_steps: int = MAX_LEVEL_STEPS,
+) -> tuple[Float[Array, "4 4"], Int32[Array, ""]]:
+    """The levels before the last one, on fewer points; without a derivative.
+
+    Args:
+        problem: As for `solve_pose`.
+        T_a_b: Start.
+        scales: Of all levels, the last of which is left out [m].
+        levels: The first level to take and the one to stop before; None for all but the last.
+        max_level_steps: Evaluations on each level.
+
+    Returns:
+        A pose for `solve_pose` to begin the last level with, and the evaluations.
+    """
+    problem, start, scales = jax.lax.stop_gradient((problem, jnp.asarray(T_a_b), scales))
+    first, stop = levels or (0, scales.shape[0] - 1)
+    if first >= stop:
+        return start, jnp.zeros((), jnp.int32)
+    thinned, chart = problem.thinned(COARSE_STRIDE), _chart_about(start, problem, scales[stop - 1])
+    found, steps, _ = lead(thinned, chart, scales, levels=(first, stop), max_level_steps=max_level_steps)
+    return found, steps
+
+
+@kept_program
+@eqx.filter_jit
+def find_basins(
+    problem: PoseProblem,
+    starts: Float[Array, "k 4 4"],
+    count: Int32[Array, ""],
+    scales: Float[Array, "levels"],
+    *,
+    levels: tuple[int, int] | None = None,
+    max_level_steps: int = MAX_LEVEL_STEPS,
+) -> tuple[Float[Array, "k 4 4"], Int32[Array, "k"]]:
+    """`find_basin` of the first `count` starts, one after the other in one kernel; the other rows mean nothing.
+
+    One call for many starts, because each call hands over all the arrays of the problem.
+    """
+    lead_one = partial(find_basin, problem, scales=scales, levels=levels, max_level_steps=max_level_steps)
+    return _of_rows(lead_one, starts, count)
+
+
+@kept_program
+@eqx.filter_jit
+def problem_costs(
+    problem: PoseProblem,
+    poses: Float[Array, "k 4 4"],
+    count: Int32[Array, ""],
+    scales: Float[Array, "levels"],
+) -> Float[Array, "k"]:
+    """`problem_cost` of the first `count` poses, as `find_basins`."""
+    return _of_rows(partial(problem_cost, problem, scales=scales), poses, count)
+
+
+def _of_rows(function: Callable[[Array], Any], rows: Array, count: Array) -> Any:
+    """A function of each of the first `count` rows."""
+    shapes = jax.eval_shape(function, rows[0])
+    nothing = jax.tree.map(lambda one: jnp.zeros((len(rows), *one.shape), one.dtype), shapes)
+
+    def step(row: Array, found: Any) -> Any:
+        return jax.tree.map(lambda all_rows, one: all_rows.at[row].set(one), found, function(rows[row]))
+
+    return jax.lax.fori_loop(0, count, step, nothing)
+
+
+@kept_program
+@eqx.filter_jit
+def solve_pose(
+    problem: PoseProblem,
+    T_a_b: Float[Array, "4 4"],
+    scales: Float[Array, "levels"],
+    *,
+    max_level_steps: int = MAX_LEVEL_STEPS,
+    is_led: bool = False,
+) -> RefinedPose:
+    """Minimise the residuals from a start: coarse to fine, then with the matches that were found held.
+
+    The robust scale falls from level to level (graduated non-convexity) while matches are looked up anew at each step;
+    levels before the last one use fewer points. At the end each point keeps what it meets, which leaves a smooth
+    problem whose solution can be exact and be differentiated.
+
+    The derivative is that of this solution, by the implicit function theorem (forward and reverse mode): with respect
+    to everything floating in the problem and to the last scale. A solution does not depend on its start, so the
+    derivative with respect to `T_a_b` is 0, unless a term holds the start (`Prior`), or the start is kept because no
+    better pose was found. A kept start has the derivative of the solution if that is the same but for a small part of
+    the scale, else none. Directions that nothing fixes have a derivative of 0.
+
+    Pass the problem as an argument into functions that are compiled around this: its tables would be large constants.
+
+    Args:
+        problem: Its dtype, float32 or float64, is that of the result.
+        T_a_b: Start.
+        scales: Robust scale of each level, falling [m].
+        max_level_steps: Evaluations on each level.
+        is_led: The start is what `find_basin` gave, and only the last level is left.
+
+    References:
+        Yang et al., Graduated Non-Convexity for Robust Spatial Perception, 2020; Blondel et al., Efficient and Modular
+        Implicit Differentiation, 2022.
+    """
+    start = jnp.asarray(T_a_b)
+    found, steps = jax.lax.stop_gradient(start), jnp.zeros((), jnp.int32)
+    if not is_led:
+        found, steps = find_basin(problem, start, scales, max_level_steps=max_level_steps)
+    T, more, is_converged = settle(
+        problem,
+        _chart_about(found, problem, scales[-1]),
+        scales,
+        max_level_steps=max_level_steps,
+        linear_solver=lx.SVD(rcond=RANK_TOLERANCE[start.dtype]),
+        tags=frozenset({lx.symmetric_tag}),
+    )
+    return RefinedPose(*no_worse(problem, start, T, scales), steps + more, is_converged)

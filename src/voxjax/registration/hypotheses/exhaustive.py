@@ -1,0 +1,151 @@
+"""Every translation of every rotation: the two-way evidence on coarse cells by Fourier transform.
+
+It needs no corner and no descriptor, and finds poses that neither does; it is as good as its rotations.
+"""
+
+import jax
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import ConvexHull
+
+from ...maps.prepared import PreparedMap
+from .translation_search import Placement, search_on_device, search_on_host
+
+MAX_FACTOR = 6
+"""Coarse cells are at most so many voxels wide: the finest from `PreparedMap.coarse_factor` on that keeps the blocks
+below `MAX_CELLS`."""
+
+MAX_CELLS = 1_000_000
+"""Three transforms of such a block take about 50 ms on one core."""
+
+
+def upright_frame(directions: np.ndarray, shares: np.ndarray) -> np.ndarray:
+    """Rotation whose rows are the map's two strongest orthogonal directions and their product, float64 (3, 3).
+
+    In this frame a building fills a small block, however its map is turned.
+    """
+    if len(directions) == 0:
+        return np.eye(3)
+    first = directions[np.argmax(shares)]
+    rest = directions - (directions @ first)[:, None] * first
+    strength = np.linalg.norm(rest, axis=1) * shares
+    if strength.max() < 1e-6:
+        rest, strength = (
+            np.eye(3) - np.outer(first, first),
+            np.linalg.norm(np.eye(3) - np.outer(first, first), axis=1),
+        )
+    second = rest[np.argmax(strength)]
+    second = second / np.linalg.norm(second)
+    return np.stack([second, np.cross(first, second), first])
+
+
+def _outermost(prepared: PreparedMap) -> np.ndarray:
+    """Points that span the same box as all points, in any frame: vertices of the convex hull, float64 (n, 3)."""
+    points = np.asarray(prepared.points)[: prepared.num_points].astype(np.float64)
+    # Voxels are listed column by column; only the ends of a column can be vertices.
+    ends = np.ones(len(points) + 1, bool)
+    ends[1:-1] = np.any(points[1:, :2] != points[:-1, :2], axis=1)
+    points = points[ends[1:] | ends[:-1]]
+    flat = np.linalg.matrix_rank(points - points.mean(axis=0), tol=0.1 * prepared.grid.voxel_size) < 3
+    return points if flat else points[ConvexHull(points).vertices]
+
+
+def _box(points: np.ndarray, rotation: np.ndarray, margin: float) -> tuple[np.ndarray, np.ndarray]:
+    rotated = points @ rotation.T
+    return rotated.min(axis=0) - margin, rotated.max(axis=0) + margin
+
+
+def exhaustive_hypotheses(
+    a: PreparedMap,
+    b: PreparedMap,
+    rotations: Float[np.ndarray, "k 3 3"],
+    frame: Float[np.ndarray, "3 3"],
+    *,
+    num_peaks: int = 24,
+) -> tuple[Float[np.ndarray, "m 4 4"], np.ndarray]:
+    """Best translations for each rotation of b into a.
+
+    Args:
+        a: First map.
+        b: Second map.
+        rotations: Candidates, b into a.
+        frame: Rotation of a into the frame of the coarse block (`upright_frame`).
+        num_peaks: Translations kept for each rotation.
+
+    Returns:
+        Poses `T_a_b` float32 (k * num_peaks, 4, 4) and their coarse scores, best first.
+    """
+    points_a, points_b = _outermost(a), _outermost(b)
+    radius = 0.5 * float(np.linalg.norm(np.ptp(points_b, axis=0)))
+    factor, placements = a.coarse_factor, []
+    for factor in range(a.coarse_factor, MAX_FACTOR + 1):
+        cell = factor * a.grid.voxel_size
+        # Half a cell at the far end of b is lost in the cells.
+        turned = _quarter_turns_apart(frame @ rotations.astype(np.float64), 0.5 * cell / max(radius, cell))
+        placements = _place(points_a, points_b, turned, frame, cell)
+        if all(np.prod(place.box_a + place.box_b) <= MAX_CELLS for place in placements):
+            break
+    search = search_on_host if jax.default_backend() == "cpu" else search_on_device
+    found = search(a, b, factor, placements, num_peaks)
+    poses, scores = [], []
+    for place, (top, shift) in zip(placements, found, strict=True):
+        # A cell x of b lies at low_b + x * cell, and meets cell x + shift of a at low_a + (x + shift) * cell.
+        translation = place.low_a - place.low_b + shift.astype(np.float64) * factor * a.grid.voxel_size
+        T = np.tile(np.eye(4), (len(top), 1, 1))
+        T[:, :3, :3] = place.block_a.T @ place.block_b
+        T[:, :3, 3] = translation @ place.block_a
+        poses.append(T)
+        scores.append(top.astype(np.float64))
+    if not poses:
+        return np.zeros((0, 4, 4), np.float32), np.zeros(0)
+    all_poses, all_scores = np.concatenate(poses), np.concatenate(scores) / 2.0
+    order = np.argsort(-all_scores, kind="stable")
+    return all_poses[order].astype(np.float32), all_scores[order]
+
+
+def _place(
+    points_a: np.ndarray, points_b: np.ndarray, turned: np.ndarray, frame: np.ndarray, cell: float
+) -> list[Placement]:
+    """Where both maps go, in cells of so many metres, for rotations of b into the frame of the block.
+
+    The longest axis comes first, so that turned blocks have the same shape; a permutation may be a reflection, which is
+    as good, because both maps undergo it.
+    """
+    low_a, high_a = _box(points_a, frame, cell)
+    box_a = np.ceil((high_a - low_a) / cell).astype(int)
+    placements = []
+    for rotation in turned:
+        largest = np.take_along_axis(rotation, np.argmax(np.abs(rotation), axis=1)[:, None], axis=1)
+        # Adding 0 turns -0 into 0: equal blocks are to have equal bytes.
+        upright = np.where(largest < 0, -rotation, rotation) + 0.0
+        low_b, high_b = _box(points_b, upright, cell)
+        box_b = np.ceil((high_b - low_b) / cell).astype(int)
+        order = np.argsort(-(box_a + box_b), kind="stable")
+        placements.append(
+            Placement(
+                box_a[order], box_b[order], frame[order], low_a[order], upright[order], low_b[order],
+                largest[order, 0] < 0, cell,
+            )
+        )  # fmt: skip
+    return placements
+
+
+def _quarter_turns_apart(turned: np.ndarray, max_angle: float) -> np.ndarray:
+    """Rotations (k, 3, 3), those that differ by quarter turns but for `max_angle` [rad] made to do so exactly.
+
+    Rotations of a building come in such families; a family shares its Fourier transforms.
+    """
+    bound = 1.0 + 2.0 * np.cos(max_angle)
+    heads: list[np.ndarray] = []
+    snapped = []
+    for rotation in turned:
+        for head in heads:
+            between = rotation @ head.T
+            quarter = np.rint(between)
+            if np.sum(between * quarter) >= bound and np.array_equal(quarter @ quarter.T, np.eye(3)):
+                snapped.append(quarter @ head)
+                break
+        else:
+            heads.append(rotation)
+            snapped.append(rotation)
+    return np.reshape(np.asarray(snapped), (-1, 3, 3))

@@ -1,0 +1,108 @@
+"""`MapFeatures`: what the hypotheses of a map's pairs are made from; each part computed once, when first asked for."""
+
+import dataclasses
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from ...features.corners import corners_of_planes
+from ...features.types import Corners
+from ...grid import VoxelGrid
+from ...maps.inferred_space import infer_free_space as infer_space
+from ...maps.prepared import PreparedMap, prepare_map
+from ...matching.descriptors import MapDescriptors, describe_map
+from ...planes.extract import extract_planes
+from .rotations import dominant_directions, sample_normals
+
+FREE_SPACE = ("unknown", "inferred", "observed")
+"""Where a map's free space is from, the least reliable first."""
+
+MIN_INFERRED = 0.75
+"""Inferred free space is used where it lies before at least this share of the surfaces; in half a scan it would be on
+the wrong side of too many."""
+
+DIRECTION_PLANARITY = 0.5
+"""Voxels at least so planar vote for directions."""
+
+
+class LateFeatures:
+    """Corners and descriptors of a map: they take longest, and many pairs are decided without them."""
+
+    def __init__(self, grid: VoxelGrid, max_virtual: int):
+        """Compute nothing yet."""
+        self._grid, self._max_virtual = grid, max_virtual
+        self._descriptors: dict[bool, MapDescriptors] = {}
+
+    @cached_property
+    def corners(self) -> Corners:
+        """Observed and virtual corners."""
+        planes = extract_planes(self._grid)
+        return corners_of_planes(self._grid, planes, virtual=True, max_virtual=self._max_virtual)
+
+    def descriptors(self, *, use_free_space: bool) -> MapDescriptors:
+        """Local descriptors; both maps of a pair must agree on whether free space signs their normals."""
+        if use_free_space not in self._descriptors:
+            self._descriptors[use_free_space] = describe_map(self._grid, use_free_space=use_free_space)
+        return self._descriptors[use_free_space]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class MapFeatures:
+    """One map with its fields and directions, and with corners and descriptors on demand.
+
+    Attributes:
+        prepared: Fields and surface.
+        directions: Dominant unsigned normals, strongest first.
+        shares: Share of the surface along each.
+        normals: Normals drawn by leverage, that rotations are judged by.
+        late: Corners and descriptors.
+        free_space: "observed" by the sensor, "inferred" from what encloses it, or "unknown".
+    """
+
+    prepared: PreparedMap
+    directions: Float[np.ndarray, "k 3"]
+    shares: Float[np.ndarray, "k"]
+    normals: Float32[np.ndarray, "s 3"]
+    late: LateFeatures
+    free_space: str
+
+    @property
+    def corners(self) -> Corners:
+        """Observed and virtual corners."""
+        return self.late.corners
+
+
+def map_features(grid: VoxelGrid, *, max_virtual: int, infer_free_space: bool = True) -> MapFeatures:
+    """Features of a map that has occupied voxels.
+
+    Args:
+        grid: At the working voxel size.
+        max_virtual: Largest number of virtual corners.
+        infer_free_space: Take what surfaces enclose for free where the map records no free space.
+    """
+    prepared, free_space = _prepare(grid, infer_free_space=infer_free_space)
+    count = prepared.num_points
+    normals, planarity = np.asarray(prepared.normals)[:count], np.asarray(prepared.planarity)[:count]
+    leverage = planarity.astype(np.float64) * np.asarray(prepared.weights)[:count]
+    is_planar = planarity > DIRECTION_PLANARITY
+    directions, shares = dominant_directions(normals[is_planar], planarity[is_planar])
+    return MapFeatures(
+        prepared=prepared,
+        directions=directions,
+        shares=shares,
+        normals=sample_normals(normals, leverage if leverage.sum() > 0 else np.ones(count)),
+        late=LateFeatures(prepared.grid, max_virtual),
+        free_space=free_space,
+    )
+
+
+def _prepare(grid: VoxelGrid, *, infer_free_space: bool) -> tuple[PreparedMap, str]:
+    """The prepared map, and where its free space is from."""
+    if grid.num_free:
+        return prepare_map(grid), "observed"
+    if infer_free_space:
+        prepared = prepare_map(infer_space(grid))
+        if prepared.free_share >= MIN_INFERRED:
+            return prepared, "inferred"
+    return prepare_map(grid), "unknown"

@@ -1,0 +1,237 @@
+"""Rotation hypotheses from the normals of two maps: directions that both share, sharpened on all normals.
+
+Buildings have few directions. Two of them in each map fix a rotation up to signs; a rotation is kept when the signed
+normals of the whole surfaces agree under it.
+"""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Int32
+
+from ..._runtime.buckets import pad_rows
+from ..._runtime.programs import kept_program
+from ..._runtime.threads import spread
+from ..._types import Array
+
+NUM_SAMPLES = 512
+"""Normals of each map that a rotation is judged by."""
+
+MAX_VOTERS = 5_000
+"""Normals that vote for directions at most."""
+
+ROUGH_STRIDE = 4
+"""One in so many of the normals sharpens the seeds, of which most lead to the same few rotations; all normals then
+sharpen those few and rank them."""
+
+_GROUP = 32
+"""Rotations that a core sharpens at a time."""
+
+KERNEL = 60.0
+"""Concentration of the kernel exp(k (cos - 1)) between normals: about 7.4 degrees."""
+
+
+def dominant_directions(
+    normals: Float[np.ndarray, "n 3"], weights: Float[np.ndarray, "n"], *, max_directions: int = 8
+) -> tuple[np.ndarray, np.ndarray]:
+    """Peaks of the unsigned normals and the share of the weight within 10 degrees of each.
+
+    Args:
+        normals: Unit rows; the sign does not matter.
+        weights: One a normal.
+        max_directions: At most so many, strongest first; those with less than 1 % of the weight are left out.
+
+    Returns:
+        float64 (k, 3) unit vectors and (k,) shares.
+    """
+    stride = max(-(-len(normals) // MAX_VOTERS), 1)
+    normals, weights = normals[::stride], weights[::stride]
+    total = float(weights.sum(dtype=np.float64))
+    is_free = np.ones(len(normals), dtype=bool)
+    seeds = normals[:: max(len(normals) // 400, 1)]
+    # As numbers: NumPy multiplies truth values element by element.
+    near = (np.abs(seeds @ normals.T) > np.cos(np.radians(8.0))).astype(np.float32)
+    directions, shares = [], []
+    for _ in range(max_directions):
+        if not is_free.any():
+            break
+        votes = near @ np.where(is_free, weights, 0.0).astype(np.float32)
+        best = int(np.argmax(votes))
+        if votes[best] < 0.01 * total:
+            break
+        direction = seeds[best].astype(np.float64)
+        for _ in range(5):
+            angle = np.degrees(np.arccos(np.minimum(np.abs(normals @ direction), 1.0)))
+            w = weights * np.exp(-0.5 * (angle / 4.0) ** 2) * is_free
+            scatter = (normals * w[:, None]).T.astype(np.float64) @ normals
+            direction = np.linalg.eigh(scatter)[1][:, -1]
+        taken = np.abs(normals @ direction) > np.cos(np.radians(10.0))
+        directions.append(direction)
+        shares.append(float(weights[taken & is_free].sum(dtype=np.float64)) / total)
+        is_free &= ~taken
+    return np.reshape(np.asarray(directions), (-1, 3)), np.asarray(shares)
+
+
+def _frame(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Right-handed orthonormal frame, as columns, symmetric in the two directions."""
+    s, d = first + second, first - second
+    s, d = s / np.linalg.norm(s), d / np.linalg.norm(d)
+    return np.stack([s, d, np.cross(s, d)], axis=1)
+
+
+def pair_rotations(
+    directions_a: np.ndarray, directions_b: np.ndarray, *, angle_tolerance: float = 6.0
+) -> np.ndarray:
+    """All rotations that map two directions of b onto two of a, up to signs, float64 (k, 3, 3).
+
+    Args:
+        directions_a: (m, 3) unit rows.
+        directions_b: (n, 3) unit rows.
+        angle_tolerance: Largest difference of the angle between the two directions in each map [deg].
+    """
+    rotations = []
+    pairs_b = [(k, m) for k in range(len(directions_b)) for m in range(len(directions_b)) if k != m]
+    for i in range(len(directions_a)):
+        for j in range(i + 1, len(directions_a)):
+            first, second = directions_a[i], directions_a[j]
+            cos_a = float(first @ second)
+            if abs(cos_a) > np.cos(np.radians(30.0)):
+                continue
+            frame_a = _frame(first, second)
+            for k, m in pairs_b:
+                for sign in (1.0, -1.0):
+                    cos_b = sign * float(directions_b[k] @ directions_b[m])
+                    if abs(np.arccos(np.clip(cos_a, -1, 1)) - np.arccos(np.clip(cos_b, -1, 1))) > np.radians(
+                        angle_tolerance
+                    ):
+                        continue
+                    for flip in (1.0, -1.0):
+                        frame_b = _frame(flip * directions_b[k], flip * sign * directions_b[m])
+                        rotations.append(frame_a @ frame_b.T)
+    return np.reshape(np.asarray(rotations), (-1, 3, 3))
+
+
+@kept_program
+@partial(jax.jit, static_argnames="num_steps")
+def sharpen_rotations(
+    normals_a: Float32[Array, "n 3"],
+    normals_b: Float32[Array, "m 3"],
+    rotations: Float32[Array, "k 3 3"],
+    count: Int32[Array, ""] | np.int32,
+    is_signed: Bool[Array, ""] | bool,
+    *,
+    num_steps: int = 6,
+) -> tuple[Float32[Array, "k 3 3"], Float32[Array, "k"]]:
+    """Climb from each rotation to the nearest mode of the agreement of the normals.
+
+    Each step solves the orthogonal Procrustes problem with the kernel weights of the step before.
+
+    Args:
+        normals_a: Unit normals of a.
+        normals_b: Unit normals of b.
+        rotations: Starts, b into a.
+        count: How many of them; the others are left as they are.
+        is_signed: Whether the sign of the normals means something in both maps.
+        num_steps: Fixed number of steps.
+
+    Returns:
+        Rotations and their agreement: the mean kernel value over all pairs of normals.
+    """
+
+    def kernel(rotation: Array) -> tuple[Array, Array]:
+        cosine = normals_a @ (normals_b @ rotation.T).T
+        sign = jnp.where(jnp.asarray(is_signed) | (cosine >= 0), 1.0, -1.0).astype(jnp.float32)
+        return jnp.exp(KERNEL * (cosine * sign - 1.0)), sign
+
+    def climb(rotation: Array, _: object) -> tuple[Array, None]:
+        weight, sign = kernel(rotation)
+        u, _, vt = jnp.linalg.svd(normals_a.T @ (weight * sign) @ normals_b + 1e-6 * rotation)
+        det = jnp.linalg.det(u @ vt)
+        return u @ (vt * jnp.stack([jnp.ones_like(det), jnp.ones_like(det), det])[:, None]), None
+
+    def sharpen(i: Array, found: tuple[jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array]:
+        rotation = jax.lax.scan(climb, found[0][i], None, length=num_steps)[0]
+        agreement = jnp.mean(kernel(rotation)[0], dtype=jnp.float32)
+        return found[0].at[i].set(rotation), found[1].at[i].set(agreement)
+
+    start = jnp.asarray(rotations), jnp.zeros(rotations.shape[0], jnp.float32)
+    return jax.lax.fori_loop(0, count, sharpen, start)
+
+
+def distinct_rotations(
+    rotations: np.ndarray, scores: np.ndarray, *, angle: float, max_count: int
+) -> np.ndarray:
+    """Indices of the best rotations that differ by more than `angle` [deg], best first."""
+    kept: list[int] = []
+    bound = 1.0 + 2.0 * np.cos(np.radians(angle))
+    for i in np.argsort(-scores, kind="stable"):
+        traces = np.einsum("kij,ij->k", rotations[kept], rotations[i]) if kept else np.zeros(0)
+        if not (traces > bound).any():
+            kept.append(int(i))
+            if len(kept) == max_count:
+                break
+    return np.asarray(kept, dtype=np.int64)
+
+
+def sample_normals(normals: np.ndarray, weights: np.ndarray, *, count: int = NUM_SAMPLES) -> np.ndarray:
+    """`count` normals, drawn evenly along the cumulated weights; deterministic."""
+    cumulated = np.cumsum(weights, dtype=np.float64)
+    at = (np.arange(count) + 0.5) / count * cumulated[-1]
+    return normals[np.minimum(np.searchsorted(cumulated, at), len(normals) - 1)]
+
+
+def rotation_hypotheses(
+    samples_a: Float[np.ndarray, "n 3"],
+    samples_b: Float[np.ndarray, "m 3"],
+    directions_a: np.ndarray,
+    directions_b: np.ndarray,
+    *,
+    is_signed: bool,
+    gravity_aligned: bool = False,
+    max_rotations: int = 48,
+) -> tuple[Float[np.ndarray, "k 3 3"], np.ndarray]:
+    """Distinct rotations of b into a, by agreement of the normals, best first.
+
+    Args:
+        samples_a: Unit normals of a, weighted by how often they occur (`sample_normals`).
+        samples_b: Those of b.
+        directions_a: Dominant directions of a, (p, 3).
+        directions_b: Dominant directions of b, (q, 3).
+        is_signed: Whether the normals point into free space in both maps.
+        gravity_aligned: Keep rotations about the vertical only (within 5 degrees).
+        max_rotations: At most so many.
+
+    Returns:
+        float32 (k, 3, 3) and the agreement of each.
+    """
+    seeds = pair_rotations(directions_a, directions_b)
+    if gravity_aligned:
+        seeds = seeds[seeds[:, 2, 2] > np.cos(np.radians(8.0))]
+    if len(seeds) == 0:
+        return np.zeros((0, 3, 3), np.float32), np.zeros(0)
+    seeds = seeds[
+        distinct_rotations(seeds, -np.arange(len(seeds), dtype=np.float64), angle=4.0, max_count=1000)
+    ]
+    rough, agreement = _sharpen(samples_a[::ROUGH_STRIDE], samples_b[::ROUGH_STRIDE], seeds, is_signed, 6)
+    rough = rough[distinct_rotations(rough, agreement, angle=2.0, max_count=2 * max_rotations)]
+    sharp, agreement = _sharpen(samples_a, samples_b, rough, is_signed, 4)
+    kept = distinct_rotations(sharp, agreement, angle=4.0, max_count=max_rotations)
+    return sharp[kept], agreement[kept]
+
+
+def _sharpen(
+    samples_a: np.ndarray, samples_b: np.ndarray, rotations: np.ndarray, is_signed: bool, num_steps: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """`sharpen_rotations`, in groups of one size, side by side."""
+
+    def run(first: int) -> tuple[np.ndarray, np.ndarray]:
+        some = rotations[first : first + _GROUP].astype(np.float32)
+        sharp, agreement = sharpen_rotations(
+            samples_a, samples_b, pad_rows(some, _GROUP), np.int32(len(some)), is_signed, num_steps=num_steps
+        )
+        return np.asarray(sharp)[: len(some)], np.asarray(agreement, np.float64)[: len(some)]
+
+    sharp, agreement = zip(*spread(run, range(0, len(rotations), _GROUP)), strict=True)
+    return np.concatenate(sharp), np.concatenate(agreement)

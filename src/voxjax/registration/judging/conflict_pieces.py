@@ -1,0 +1,113 @@
+"""Conflicts that hang together: what a false pose among equal rooms shows, and the true one does not.
+
+Drift, noise and people scatter conflicts; a pose that is wrong by a whole room sets whole pieces of furniture into
+free space.
+"""
+
+import numpy as np
+from scipy import ndimage
+
+from ..._runtime.threads import spread
+from ...maps.prepared import PreparedMap
+from ...ops.evidence.scoring import CONFLICT, HIT
+from ..hypotheses.ranking import inverse_poses
+from .leaders import Judgement, Leaders
+
+MIN_AREA = 1.0
+"""A piece begins at so much surface [m^2]: noise and grazing rays leave less."""
+
+RIVAL_WEIGHT = 3.0
+"""Rivals are as probable as their evidence to this power. How much the maps should overlap is not known beforehand, and
+the true pose among equal rooms is often not the one that agrees most: between rivals the score weighs less than it
+does against no overlap at all. Pieces weigh less than generated pairs of equal rooms alone would have it
+(`python -m bench verdict_fit`), where only doors and a little furniture move."""
+
+MIN_SHARE = 0.5
+"""Poses with less than this share of the best score are no rivals, and are not looked at."""
+
+
+def piece_area(a: PreparedMap, b: PreparedMap, T_a_b: np.ndarray) -> tuple[float, float]:
+    """Surface in connected conflicts of at least `MIN_AREA`, and surface that agrees, of both maps together [m^2].
+
+    Args:
+        a: First map.
+        b: Second map.
+        T_a_b: Pose (4, 4).
+    """
+    in_pieces = num_hits = 0
+    for target, other, T in ((a, b, T_a_b), (b, a, inverse_poses(T_a_b[None])[0])):
+        points = np.asarray(other.points)[: other.num_points]
+        code = _codes_at(target, points, T)
+        num_hits += int(np.count_nonzero(code == HIT))
+        in_pieces += _in_pieces(other, points[code == CONFLICT])
+    face = a.grid.voxel_size**2
+    return in_pieces * face, num_hits * face
+
+
+def _codes_at(target: PreparedMap, points: np.ndarray, T: np.ndarray) -> np.ndarray:
+    """Evidence codes where a pose puts points (n, 3) [m]; 0 outside."""
+    voxel = target.grid.voxel_size
+    turn = (T[:3, :3].astype(np.float64) / voxel).astype(np.float32)
+    shift = ((T[:3, 3].astype(np.float64) - target.grid.origin) / voxel).astype(np.float32)
+    columns = np.ascontiguousarray(points.T)
+    flat, is_inside = np.int32(0), np.True_
+    for axis, size in enumerate(target.grid.states.shape):
+        place = turn[axis, 0] * columns[0]
+        place += turn[axis, 1] * columns[1]
+        place += turn[axis, 2] * columns[2]
+        place += shift[axis]
+        cell = np.floor(place, out=place).astype(np.int32)
+        # Unsigned: what is below 0 is far above.
+        is_inside = is_inside & (cell.view(np.uint32) < np.uint32(size))
+        flat = flat * np.int32(size) + cell
+    return np.take(np.asarray(target.codes), np.where(is_inside, flat, 0)) * is_inside
+
+
+def _in_pieces(other: PreparedMap, points: np.ndarray) -> int:
+    """How many of the occupied voxels at `points` are connected to pieces that are large enough."""
+    if len(points) == 0:
+        return 0
+    voxel = other.grid.voxel_size
+    index = np.floor((points - other.grid.origin) / voxel).astype(np.int64)
+    index -= index.min(axis=0)
+    block = np.zeros(index.max(axis=0) + 1, bool)
+    block[tuple(index.T)] = True
+    labels = np.empty(block.shape, np.int32)
+    ndimage.label(block, np.ones((3, 3, 3), int), output=labels)
+    sizes = np.bincount(labels[block])
+    return int(sizes[sizes * voxel**2 >= MIN_AREA].sum())
+
+
+def weigh_pieces(a: PreparedMap, b: PreparedMap, leaders: Leaders) -> tuple[Leaders, np.ndarray]:
+    """Leaders with the pieces of the rivals for the first place, best first by the evidence net of them.
+
+    Returns:
+        Leaders, and their rows among those given.
+    """
+    is_rival = rivals(leaders.judgement)
+    areas = np.zeros((len(leaders.poses), 2))
+    if is_rival.any():
+        areas[is_rival] = spread(lambda T: piece_area(a, b, T), leaders.poses[is_rival])
+    pieces, shared = areas.T
+    judgement = leaders.judgement._replace(pieces=pieces, shared=shared)
+    order = np.argsort(-evidence(judgement), kind="stable")
+    ranked = Leaders(
+        leaders.poses[order], Judgement(*(part[order] for part in judgement)), leaders.rows[order]
+    )
+    return ranked, order
+
+
+def rivals(judgement: Judgement) -> np.ndarray:
+    """Which poses (k,) compete for the first place, the best included."""
+    scores = judgement.score()
+    return (scores >= MIN_SHARE * scores.max(initial=0.0)) & (scores > 0.0)
+
+
+def evidence(judgement: Judgement) -> np.ndarray:
+    """Scores (k,); those of rivals divided by 1 m^2 plus their pieces, and the cleanest one keeps its score.
+
+    Pieces that all rivals show, from drift or moved things, tell nothing between them.
+    """
+    is_rival = rivals(judgement)
+    least = judgement.pieces[is_rival].min(initial=np.inf)
+    return judgement.score() * np.where(is_rival, (1.0 + least) / (1.0 + judgement.pieces), 1.0)

@@ -1,0 +1,31 @@
+import jax
+import jax.numpy as jnp
+import pytest
+
+from voxjax._runtime import mappings as _mappings
+from voxjax._runtime.mappings import mappings_in_use, release_kernels_if_crowded
+
+pytestmark = pytest.mark.skipif(mappings_in_use() is None, reason="the system does not count memory mappings")
+
+
+def test_kernels_stay_while_there_is_room(monkeypatch):
+    monkeypatch.setattr(_mappings, "mappings_in_use", lambda: (10, 100))
+    dropped = []
+    monkeypatch.setattr(jax, "clear_caches", lambda: dropped.append(True))
+    assert not release_kernels_if_crowded(max_share=0.5)
+    assert not dropped
+
+
+def test_kernels_go_when_mappings_run_out_and_come_back_when_called():
+    double = jax.jit(lambda x: x * 2)
+    double(jnp.ones(3))
+    assert double._cache_size() == 1  # pyright: ignore[reportAttributeAccessIssue]
+    assert release_kernels_if_crowded(max_share=0.0)
+    assert double._cache_size() == 0  # pyright: ignore[reportAttributeAccessIssue]
+    assert float(double(jnp.ones(3)).sum()) == 6.0
+
+
+def test_mappings_are_counted():
+    found = mappings_in_use()
+    assert found is not None
+    assert 50 < found[0] < found[1]

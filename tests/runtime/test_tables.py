@@ -1,0 +1,67 @@
+"""Reserved tables: lengths of few kinds, memory only where written, no copy by JAX."""
+
+import os
+
+import jax
+import numpy as np
+import pytest
+
+from voxjax._runtime import tables as _tables
+from voxjax._runtime.tables import as_table, reserve, table_lengths
+from voxjax._runtime.threads import num_cores, spread
+
+
+def test_lengths_hold_volume_and_list_and_are_few():
+    lengths = {table_lengths(cells, rows) for cells in range(1, 10**8, 999_983) for rows in (1, cells // 100)}
+    assert len(lengths) <= 3
+    for cells, rows in ((5, 5), (1 << 21, 1 << 15), ((1 << 21) + 1, 9), (9, (1 << 15) + 1)):
+        volume, length = table_lengths(cells, rows)
+        assert volume >= cells
+        assert length >= rows
+
+
+def test_accelerators_have_the_finer_ladder(monkeypatch):
+    monkeypatch.setattr(_tables, "on_cpu", lambda: False)
+    volume, length = table_lengths(10_000_000, 100_000)
+    assert volume <= 1.5 * 10_000_000
+    assert length <= 1.5 * 100_000
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="resident memory is read from /proc")
+def test_reserved_memory_is_taken_where_written():
+    def resident() -> int:
+        with open("/proc/self/statm") as file:
+            return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+    before = resident()
+    table = reserve(1 << 28, dtype=np.uint32)
+    table[:1000] = 1
+    assert table.shape == (1 << 28,)
+    assert table[999] == 1
+    assert table[1 << 27] == 0
+    assert resident() - before < 1 << 26
+
+
+def test_table_begins_with_its_rows():
+    rows = np.arange(12, dtype=np.float32).reshape(4, 3)
+    table = as_table(rows, 9)
+    assert table.dtype == np.float32
+    assert (table[:4] == rows).all()
+    assert (table[4:] == 0).all()
+    assert reserve(0, 3, dtype=np.float32).shape == (0, 3)
+
+
+@pytest.mark.skipif(jax.default_backend() != "cpu", reason="accelerators copy")
+def test_jax_takes_a_table_without_a_copy():
+    table = reserve(1 << 21, dtype=np.uint8)
+    table[5] = 7
+    held = jax.device_put(table)
+    assert held.unsafe_buffer_pointer() == table.ctypes.data
+    assert int(held[5]) == 7
+
+
+def test_spread_keeps_the_order_and_raises_what_a_piece_raised():
+    assert spread(lambda x: x * x, range(20)) == [x * x for x in range(20)]
+    assert num_cores() >= 1
+    with pytest.raises(ZeroDivisionError):
+        spread(lambda x: 1 // x, [1, 0, 2])
