@@ -11,7 +11,7 @@ from typing import Any
 
 from bench.timing import format_seconds
 from voxjax import InputError
-from voxjax.io.atomic import write_bytes
+from voxjax._runtime.whole_files import write_file
 
 Row = dict[str, Any]
 Results = dict[str, dict[str, Any]]
@@ -44,7 +44,7 @@ def write(path: Path, part: str, result: dict[str, Any]) -> None:
     """Put one part's results into the file; other parts stay."""
     results = (read(path) if path.exists() else {}) | {part: _rounded(result)}
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_bytes(path, (json.dumps(results, indent=1) + "\n").encode(), force=True)
+    write_file(path, (json.dumps(results, indent=1) + "\n").encode(), force=True)
 
 
 def lines_of(row: Row) -> list[str]:

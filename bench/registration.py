@@ -28,7 +28,7 @@ from bench.plots import draw_plots, prepare_plots
 from bench.summary import Row, markdown, summarize
 from bench.timing import setting
 from bench.worlds import MapPair
-from voxjax.io.atomic import write_bytes
+from voxjax._runtime.whole_files import write_file
 
 DEFAULT_MAPS = Path(os.environ.get("VOXJAX_MAPS", "../shared/maps"))
 PRESETS = ("default", "paper")
@@ -212,7 +212,7 @@ def _environment(peers: list[Peer]) -> dict[str, Any]:
 
 def _save(path: Path, contents: dict[str, Any]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_bytes(path, json.dumps(contents, indent=1).encode(), force=True)
+    write_file(path, json.dumps(contents, indent=1).encode(), force=True)
 
 
 def _resumed(path: Path, settings: dict[str, Any]) -> list[Row]:

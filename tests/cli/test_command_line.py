@@ -2,6 +2,7 @@
 
 import json
 import os
+import resource
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -12,6 +13,7 @@ import pytest
 
 from fake_register import FakeRegister, cube_map, pose
 from voxjax import VoxelGrid, read_map, write_map
+from voxjax._runtime.whole_files import write_files
 from voxjax.cli.main import main
 from voxjax.view import page
 
@@ -199,27 +201,24 @@ def test_a_fault_leaves_no_files_and_says_where_to_report(monkeypatch, maps, cap
     assert "Traceback" in capsys.readouterr().err
 
 
-def test_a_full_disk_leaves_no_files(monkeypatch, maps, capsys):
-    from voxjax.cli import outputs
+def test_a_map_beyond_the_limit_of_file_sizes_leaves_no_files(monkeypatch, maps, capsys):
+    from voxjax.cli import merge as command
 
-    class Full:
-        def write(self, data):
-            raise OSError(28, "No space left on device")
+    def write_under_a_limit(contents, *, force):
+        before = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (len(contents["m.npz"]) - 300, before[1]))
+        try:
+            write_files(contents, force=force)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
     _fake(monkeypatch)
-    real, opened = outputs.open_atomic, []
-
-    def second_is_full(name, *, force):
-        opened.append(name)
-        context = real(name, force=force)
-        if len(opened) == 2:
-            context.__class__ = type("C", (type(context),), {"__enter__": lambda self: Full()})
-        return context
-
-    monkeypatch.setattr(outputs, "open_atomic", second_is_full)
-    assert main(["merge", *maps, "-o", "out.bt", "--report", "r.json", "-q"]) == 2
-    assert _files() == maps
-    assert "No space left" in _one_line(capsys)
+    monkeypatch.setattr(command, "write_files", write_under_a_limit)
+    Path("report").mkdir()
+    assert main(["merge", *maps, "-o", "m.npz", "--report", "report/m.json", "-q"]) == 2
+    assert _files() == [*maps, "report"]
+    assert not list(Path("report").iterdir())
+    assert "m.npz cannot be written: File too large" in _one_line(capsys)
 
 
 @pytest.mark.parametrize("as_file", [False, True])

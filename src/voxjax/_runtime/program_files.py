@@ -5,9 +5,11 @@ import functools
 import hashlib
 import importlib.metadata
 import os
-import tempfile
 import warnings
 from pathlib import Path
+
+from .._checks import InputError
+from .whole_files import write_file
 
 NAME, ENDING = 32, ".program"
 """Of a file: length of each of the two digests in its name, and what comes after them."""
@@ -48,13 +50,9 @@ def mark_as_used(path: Path) -> None:
 
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file whole or not at all; what cannot be written is traced again by the next process."""
-    temporary = None
+    marked = hashlib.sha256(content).digest() + content
     try:
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".part", delete=False) as file:
-            temporary = file.name
-            file.write(hashlib.sha256(content).digest() + content)
-        os.replace(temporary, path)
-    except OSError as error:
-        warnings.warn(f"programs cannot be kept in {path.parent}: {error}.", stacklevel=2)
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
+        # The digest shows what a crash of the machine has damaged, so that nobody needs to wait for the disk.
+        write_file(path, marked, force=True, mode=0o600, is_durable=False)
+    except InputError as error:
+        warnings.warn(f"programs cannot be kept in {path.parent}: {error}", stacklevel=2)

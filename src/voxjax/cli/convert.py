@@ -2,14 +2,15 @@
 
 import argparse
 
+from .._runtime.whole_files import write_files
 from ..io import read_map
-from .outputs import MAP_ENDINGS, check_outputs, map_bytes, write_outputs
+from .outputs import MAP_ENDINGS, check_outputs, map_bytes
 
 
 def run(args: argparse.Namespace) -> int:
     """Convert a map and return the exit code."""
     check_outputs([(args.output, MAP_ENDINGS)], force=args.force)
     grid = read_map(args.input, voxel_size=args.voxel_size)
-    write_outputs({args.output: map_bytes(args.output, grid)}, force=args.force)
+    write_files({args.output: map_bytes(args.output, grid)}, force=args.force)
     print(f"{args.output}: {grid!r}")
     return 0

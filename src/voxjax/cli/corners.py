@@ -4,9 +4,10 @@ import argparse
 
 import numpy as np
 
+from .._runtime.whole_files import write_files
 from ..features.corners import Corners, detect_corners
 from ..io import read_map
-from .outputs import check_outputs, write_outputs
+from .outputs import check_outputs
 from .runtime import kept_kernels
 
 HEADER = "x,y,z," + ",".join(f"n{row}{axis}" for row in (1, 2, 3) for axis in "xyz") + ",kind"
@@ -19,7 +20,7 @@ def run(args: argparse.Namespace) -> int:
     corners = detect_corners(
         read_map(args.map, voxel_size=args.voxel_size), virtual=args.virtual, preset=args.preset
     )
-    write_outputs({args.output: corners_csv(corners).encode()}, force=args.force)
+    write_files({args.output: corners_csv(corners).encode()}, force=args.force)
     mask = np.asarray(corners.mask)
     num_observed = int(np.count_nonzero(mask & np.asarray(corners.is_observed)))
     num_virtual = int(np.count_nonzero(mask)) - num_observed

@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from .._checks import InputError
+from .._runtime.whole_files import write_files
 from ..metrics import PoseError, pose_error
 from ..pipeline.many import merge
 from ..pipeline.report import merge_report
 from ..synthetic import Team, simulate_team
 from ..view import draw_merge, encode_png
 from .merge import summary
-from .outputs import check_outputs, map_bytes, write_outputs
+from .outputs import check_outputs, map_bytes
 from .runtime import Progress, kept_kernels
 
 MAX_DEGREES = 3.0
@@ -45,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
         labels = [name.removesuffix(".bt").replace("_", " ") for name in names]
         picture = draw_merge(team.grids, merged.poses, merged.grid, names=labels)
         contents[paths["picture.png"]] = encode_png(picture)
-    write_outputs(contents, force=args.force)
+    write_files(contents, force=args.force)
     progress.finish()
     for line in summary(merged, names):
         print(line)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from .._checks import InputError
+from .._runtime.whole_files import write_files
 from ..grid import VoxelGrid
 from ..io import read_map
 from ..pipeline.config import Config, config_from
@@ -17,7 +18,7 @@ from ..pipeline.many import Merge, merge
 from ..pipeline.report import merge_report
 from ..view import check_page_support, draw_merge, encode_png, page_html
 from .guess import parse_guess
-from .outputs import MAP_ENDINGS, check_outputs, map_bytes, write_outputs
+from .outputs import MAP_ENDINGS, check_outputs, map_bytes
 from .runtime import Progress, kept_kernels
 
 
@@ -39,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     )  # fmt: skip
     is_written = merged.status == "merged" or (merged.status == "partial" and args.allow_partial)
     progress("write")
-    write_outputs(_contents(args, grids, merged, progress, is_written=is_written), force=args.force)
+    write_files(_contents(args, grids, merged, progress, is_written=is_written), force=args.force)
     progress.finish()
     for line in summary(merged, args.maps):
         print(line)

@@ -3,9 +3,10 @@
 import argparse
 from pathlib import Path
 
+from .._runtime.whole_files import write_files
 from ..io import read_map
 from ..view import draw_maps, encode_png
-from .outputs import check_outputs, write_outputs
+from .outputs import check_outputs
 
 
 def run(args: argparse.Namespace) -> int:
@@ -14,7 +15,7 @@ def run(args: argparse.Namespace) -> int:
     grids = [read_map(path, voxel_size=args.voxel_size) for path in args.maps]
     names = [Path(path).name for path in args.maps]
     picture = encode_png(draw_maps(grids, names=names, cut_ceiling=not args.keep_ceiling))
-    write_outputs({args.output: picture}, force=args.force)
+    write_files({args.output: picture}, force=args.force)
     height, width = int.from_bytes(picture[20:24], "big"), int.from_bytes(picture[16:20], "big")
     print(f"{args.output}: {width} x {height} pixels")
     return 0

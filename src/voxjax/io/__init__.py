@@ -7,8 +7,8 @@ import os
 from pathlib import Path
 
 from .._checks import InputError
+from .._runtime.whole_files import write_file
 from ..grid import VoxelGrid
-from .atomic import write_bytes
 from .npz import decode_npz, encode_npz
 from .octomap import MAX_VOXELS, decode_bt, decode_ot, encode_bt, encode_ot
 from .ply import decode_ply, encode_ply
@@ -77,7 +77,7 @@ def write_map(path: str | os.PathLike, grid: VoxelGrid, *, force: bool = True) -
     Raises:
         InputError: If the format cannot hold the grid or the file cannot be written; the message names it.
     """
-    write_bytes(path, encode_map(path, grid), force=force)
+    write_file(path, encode_map(path, grid), force=force)
 
 
 def encode_map(path: str | os.PathLike, grid: VoxelGrid) -> bytes:

@@ -1,0 +1,176 @@
+"""Files that are written whole or not at all, one or several together.
+
+All contents are written under temporary names in the folders of their files first; only when each of them is on the
+disk do the files take their names. Whatever goes wrong, a full disk or Ctrl-C, no temporary file stays.
+"""
+
+import contextlib
+import errno
+import os
+import secrets
+import stat
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+
+from .._checks import InputError
+
+FilePath = str | os.PathLike
+
+
+def check_writable(path: FilePath, *, force: bool) -> Path:
+    """Return `path` if a file may be written there; lets a command refuse before the work, not after it.
+
+    A link counts as the file that it leads to, and is itself replaced.
+
+    Args:
+        path: Name of the file.
+        force: Whether a file or a link of that name may be replaced.
+
+    Raises:
+        InputError: If the folder is missing or not writable, the name is impossible or that of a folder, a device or
+            a pipe, or something of that name exists and `force` is False.
+    """
+    path = Path(path)
+    try:
+        parent, target = _mode_of(path.parent), _mode_of(path)
+    except (
+        OSError,
+        ValueError,
+    ) as error:  # too long, a character that no name may hold, a folder that is closed
+        raise InputError(f"{str(path)[:200]!r} cannot be the name of a file: {_reason(error)}.") from error
+    if parent is None or not stat.S_ISDIR(parent):
+        raise InputError(f"{path}: the folder {path.parent} does not exist; make it first.")
+    if target is not None and stat.S_ISDIR(target):
+        raise InputError(f"{path} is a folder; give the name of a file.")
+    if target is not None and not stat.S_ISREG(target):
+        raise InputError(f"{path} is a device or a pipe, which cannot be replaced; give the name of a file.")
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(f"{path}: the folder {path.parent} is not writable; choose another one.")
+    if not force and os.path.lexists(path):
+        what = "exists already" if target is not None else "is a link that leads nowhere"
+        raise InputError(f"{path} {what}; use --force (force=True) to overwrite it, or another name.")
+    return path
+
+
+def write_file(
+    path: FilePath, data: bytes, *, force: bool, mode: int = 0o666, is_durable: bool = True
+) -> None:
+    """Write one file; see `write_files`."""
+    write_files({Path(path): data}, force=force, mode=mode, is_durable=is_durable)
+
+
+def write_files(
+    contents: Mapping[str, bytes] | Mapping[Path, bytes],
+    *,
+    force: bool,
+    mode: int = 0o666,
+    is_durable: bool = True,
+) -> None:
+    """Write all files or none.
+
+    Args:
+        contents: What each file holds, by its final name.
+        force: Whether files that exist may be replaced.
+        mode: Permissions of the files, less the umask.
+        is_durable: Whether to wait until the disk has them, so that they outlive a crash of the machine.
+
+    Raises:
+        InputError: As in `check_writable`, or if one cannot be written: a full disk, a limit of size.
+    """
+    written: list[tuple[Path, Path]] = []
+    with contextlib.ExitStack() as temporaries, contextlib.ExitStack() as renames:
+        for name, data in contents.items():
+            path = check_writable(name, force=force)
+            with _explained(path):
+                temporary = _temporary(path, temporaries)
+                _write(temporary, data, mode, is_durable)
+            written.append((temporary, path))
+        for temporary, path in written:
+            with _explained(path):
+                if force:
+                    _replace(temporary, path, temporaries, renames)
+                else:
+                    _take_new_name(temporary, path, renames)
+        renames.pop_all()  # all have their names: nothing is to be taken back
+    if is_durable:
+        _flush_folders({path.parent for _, path in written})
+
+
+def _temporary(path: Path, temporaries: contextlib.ExitStack) -> Path:
+    """A name beside `path` that nobody has; `temporaries` removes what will be there."""
+    temporary = path.with_name(f".voxjax-{secrets.token_hex(8)}.tmp")
+    # Registered before the file exists, because Ctrl-C may come at any time.
+    temporaries.callback(temporary.unlink, missing_ok=True)
+    return temporary
+
+
+def _write(temporary: Path, data: bytes, mode: int, is_durable: bool) -> None:
+    """Write, flush and close a new file; a full disk may show at each of these steps."""
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+    with open(os.open(temporary, flags, mode), "wb") as file:
+        file.write(data)
+        file.flush()
+        if is_durable:
+            os.fsync(file.fileno())
+
+
+def _take_new_name(temporary: Path, path: Path, renames: contextlib.ExitStack) -> None:
+    """Name a file as nothing is named yet; `renames` takes the name back."""
+    try:
+        os.link(temporary, path)  # unlike a rename, this fails when another process made the file meanwhile
+    except OSError:
+        # A file system without links, unless this raises: there the window for a race is short.
+        check_writable(path, force=False)
+        os.replace(temporary, path)
+    renames.callback(path.unlink, missing_ok=True)
+
+
+def _replace(
+    temporary: Path, path: Path, temporaries: contextlib.ExitStack, renames: contextlib.ExitStack
+) -> None:
+    """Name a file as another one may be named; `renames` brings that one back."""
+    old = _temporary(path, temporaries)
+    try:
+        os.link(path, old, follow_symlinks=False)
+    except FileNotFoundError:
+        renames.callback(path.unlink, missing_ok=True)
+    except (OSError, NotImplementedError):
+        pass  # a file system or a system without links: what is replaced cannot be brought back
+    else:
+        renames.callback(os.replace, old, path)
+    os.replace(temporary, path)
+
+
+def _flush_folders(folders: Iterable[Path]) -> None:
+    """Let the disk know the new names too, where the system can open folders."""
+    for folder in folders:
+        with contextlib.suppress(OSError):
+            descriptor = os.open(folder, os.O_RDONLY)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+
+
+def _mode_of(path: Path) -> int | None:
+    """Type and permissions of what a name leads to; None where it leads to nothing."""
+    try:
+        return path.stat().st_mode
+    except OSError as error:
+        if error.errno in (errno.ENOENT, errno.ENOTDIR, errno.ELOOP):
+            return None
+        raise
+
+
+@contextlib.contextmanager
+def _explained(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        is_full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        advice = "; make room for it, or choose another folder" if is_full else ""
+        raise InputError(f"{path} cannot be written: {_reason(error)}{advice}.") from error
+
+
+def _reason(error: OSError | ValueError) -> str:
+    return getattr(error, "strerror", None) or str(error)
