@@ -1,8 +1,18 @@
-"""`python -m voxjax` is the command `voxjax`."""
+"""`python -m voxjax` and the command `voxjax`: what little runs before Ctrl-C is handled."""
 
 import sys
 
-from .cli.main import main
+
+def main() -> int:
+    """Run the command that the arguments of the process name, and return its exit code."""
+    try:
+        # Imported here, because Ctrl-C may come while Python imports.
+        from .cli.main import main as run
+
+        return run()
+    except KeyboardInterrupt:
+        return 130
+
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -78,9 +78,11 @@ class VoxelGrid(eqx.Module):
         from .ops.resampling.raycast import grid_from_points
 
         states, origin = grid_from_points(
-            points, voxel_size=check_positive("voxel_size", voxel_size, "m"), sensor_origins=sensor_origins,
+            points,
+            voxel_size=check_positive("voxel_size", voxel_size, "m"),
+            sensor_origins=sensor_origins,
             max_range=max_range,
-        )  # fmt: skip
+        )
         return cls(states, origin, voxel_size)
 
     @property
@@ -148,8 +150,10 @@ class VoxelGrid(eqx.Module):
         log_odds = None if self.log_odds is None else np.asarray(self.log_odds)[window]
         return VoxelGrid(
             np.asarray(self.states)[window] if all(self.shape) else np.zeros((1, 1, 1), np.uint8),
-            origin.astype(np.float32), self.voxel_size, log_odds if all(self.shape) else None,
-        )  # fmt: skip
+            origin.astype(np.float32),
+            self.voxel_size,
+            log_odds if all(self.shape) else None,
+        )
 
     def with_voxel_size(self, voxel_size: float) -> VoxelGrid:
         """The same map at another resolution, on the lattice of multiples of `voxel_size`.
@@ -167,9 +171,12 @@ class VoxelGrid(eqx.Module):
         if voxel_size == self.voxel_size and (cell == np.rint(cell)).all():
             return self
         states, origin, log_odds = rescale_states(
-            np.asarray(self.states), np.asarray(self.origin), self.voxel_size, voxel_size,
+            np.asarray(self.states),
+            np.asarray(self.origin),
+            self.voxel_size,
+            voxel_size,
             None if self.log_odds is None else np.asarray(self.log_odds),
-        )  # fmt: skip
+        )
         return VoxelGrid(states, origin, voxel_size, log_odds)
 
     def transformed(self, T: object) -> VoxelGrid:
@@ -182,9 +189,12 @@ class VoxelGrid(eqx.Module):
         from .ops.resampling.rigid import resample_rigid
 
         states, origin, log_odds = resample_rigid(
-            np.asarray(self.states), np.asarray(self.origin), self.voxel_size, check_pose("T", T),
+            np.asarray(self.states),
+            np.asarray(self.origin),
+            self.voxel_size,
+            check_pose("T", T),
             None if self.log_odds is None else np.asarray(self.log_odds),
-        )  # fmt: skip
+        )
         return VoxelGrid(states, origin, self.voxel_size, log_odds)
 
     def equals(self, other: VoxelGrid) -> bool:

@@ -5,6 +5,7 @@ import os
 import resource
 import subprocess
 import sys
+from contextlib import redirect_stdout
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -283,9 +284,36 @@ def test_corners_are_listed_with_normals_that_point_into_the_room(capsys):
     assert f"{sum(row.endswith('observed') for row in rows)} observed" in capsys.readouterr().out
 
 
-def test_a_closed_pipe_is_no_fault(maps):
+@pytest.fixture
+def pipe_without_reader():
     reader, writer = os.pipe()
     os.close(reader)
-    done = _run("-m", "voxjax", "info", *maps, stdout=writer)
+    yield writer
     os.close(writer)
-    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [(["info", "m0.npz"], 0), (["info", "m9.npz"], 2), (["--help"], 0), (["--version"], 0)],
+)
+def test_a_closed_pipe_changes_no_exit_code(maps, pipe_without_reader, arguments, code):
+    done = _run("-m", "voxjax", *arguments, stdout=pipe_without_reader)
+    assert done.returncode == code
+    assert len(done.stderr.splitlines()) == (code == 2)
+
+
+@pytest.mark.parametrize(("verdict", "code"), [("accepted", 0), ("no_overlap", 3)])
+def test_a_merge_keeps_its_exit_code_when_nobody_reads_its_output(
+    monkeypatch, maps, pipe_without_reader, verdict, code
+):
+    _fake(monkeypatch, verdicts={(0, 1): verdict})
+    with open(pipe_without_reader, "w", closefd=False) as nobody, redirect_stdout(nobody):
+        assert main(["merge", *maps[:2], "-o", "out.bt", "--report", "r.json", "-q"]) == code
+    assert Path("out.bt").exists() == (code == 0)
+    assert Path("r.json").exists()
+
+
+def test_a_full_disk_behind_the_standard_output_is_said(maps, capsys):
+    with open("/dev/full", "w") as full, redirect_stdout(full):
+        assert main(["info", *maps]) == 2
+    assert "No space left" in _one_line(capsys)

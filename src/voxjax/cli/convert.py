@@ -5,6 +5,7 @@ import argparse
 from .._runtime.whole_files import write_files
 from ..io import read_map
 from .outputs import MAP_ENDINGS, check_outputs, map_bytes
+from .streams import tell
 
 
 def run(args: argparse.Namespace) -> int:
@@ -12,5 +13,5 @@ def run(args: argparse.Namespace) -> int:
     check_outputs([(args.output, MAP_ENDINGS)], force=args.force)
     grid = read_map(args.input, voxel_size=args.voxel_size)
     write_files({args.output: map_bytes(args.output, grid)}, force=args.force)
-    print(f"{args.output}: {grid!r}")
+    tell(f"{args.output}: {grid!r}")
     return 0

@@ -9,6 +9,7 @@ from ..features.corners import Corners, detect_corners
 from ..io import read_map
 from .outputs import check_outputs
 from .runtime import kept_kernels
+from .streams import tell
 
 HEADER = "x,y,z," + ",".join(f"n{row}{axis}" for row in (1, 2, 3) for axis in "xyz") + ",kind"
 
@@ -24,7 +25,7 @@ def run(args: argparse.Namespace) -> int:
     mask = np.asarray(corners.mask)
     num_observed = int(np.count_nonzero(mask & np.asarray(corners.is_observed)))
     num_virtual = int(np.count_nonzero(mask)) - num_observed
-    print(f"{args.output}: {num_observed} observed and {num_virtual} virtual corners")
+    tell(f"{args.output}: {num_observed} observed and {num_virtual} virtual corners")
     return 0
 
 
@@ -32,9 +33,11 @@ def corners_csv(corners: Corners) -> str:
     """Position [m], the three unit normals into free space, "observed" or "virtual"; one corner a line."""
     mask = np.asarray(corners.mask)
     rows = zip(
-        np.asarray(corners.position)[mask], np.asarray(corners.normals)[mask].reshape(-1, 9),
-        np.asarray(corners.is_observed)[mask], strict=True,
-    )  # fmt: skip
+        np.asarray(corners.position)[mask],
+        np.asarray(corners.normals)[mask].reshape(-1, 9),
+        np.asarray(corners.is_observed)[mask],
+        strict=True,
+    )
     lines = [HEADER]
     for position, normals, is_observed in rows:
         numbers = [f"{value:.4f}" for value in position] + [f"{value:.5f}" for value in normals]

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,6 +18,7 @@ from ..view import draw_merge, encode_png
 from .merge import summary
 from .outputs import check_outputs, map_bytes
 from .runtime import Progress, kept_kernels
+from .streams import tell, warn
 
 MAX_DEGREES = 3.0
 MAX_METRES = 0.4
@@ -49,17 +49,17 @@ def run(args: argparse.Namespace) -> int:
     write_files(contents, force=args.force)
     progress.finish()
     for line in summary(merged, names):
-        print(line)
+        tell(line)
     errors = pose_errors(team, merged.poses)
     for name, error in zip(names[1:], errors, strict=True):
         found = "not merged" if error is None else f"{error.metres:.3f} m and {error.degrees:.2f} deg"
-        print(f"{name} against the truth: {found}")
-    print(f"{len(contents)} files in {folder}, {time.perf_counter() - start:.1f} s")
+        tell(f"{name} against the truth: {found}")
+    tell(f"{len(contents)} files in {folder}, {time.perf_counter() - start:.1f} s")
     if merged.status != "merged":
-        print(f"voxjax: not all maps were merged: {merged.reason}", file=sys.stderr)
+        warn(f"not all maps were merged: {merged.reason}")
         return 3
     if any(e is None or e.degrees > MAX_DEGREES or e.metres > MAX_METRES for e in errors):
-        print(f"voxjax: a pose is off by more than {MAX_DEGREES} deg or {MAX_METRES} m.", file=sys.stderr)
+        warn(f"a pose is off by more than {MAX_DEGREES} deg or {MAX_METRES} m.")
         return 1
     return 0
 

@@ -5,6 +5,7 @@ import json
 
 from ..grid import VoxelGrid
 from ..io import read_map
+from .streams import tell
 
 
 def run(args: argparse.Namespace) -> int:
@@ -14,9 +15,9 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps([{"path": path, **entry} for path, entry in facts.items()], indent=1))
         return 0
     for path, entry in facts.items():
-        print(path)
+        tell(path)
         for line in _lines(entry):
-            print(f"  {line}")
+            tell(f"  {line}")
     return 0
 
 

@@ -1,74 +1,83 @@
 """Entry point: runs one command and turns what happens into an exit code."""
 
-import gc
-import os
-import sys
 import traceback
 from collections.abc import Sequence
 from importlib import import_module
-from types import ModuleType
 
 from .parser import build_parser
-
-ISSUES = "https://github.com/voxjax/voxjax/issues"
+from .process import (
+    Stopped,
+    garbage_collection_put_off,
+    leave_on_interrupt,
+    open_closed_descriptors,
+    signals_raise,
+)
+from .streams import lasting_streams, warn
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line.
 
     Args:
-        argv: Arguments without the program's name; None takes those of the process.
+        argv: Arguments without the program's name; None takes those of the process, which is then voxjax's own: its
+            signals are handled.
 
     Returns:
-        0 done, 1 fault of voxjax, 2 unusable input or arguments, 3 nothing trustworthy to write.
+        0 done, 1 fault of voxjax, 2 unusable input or arguments, 3 nothing trustworthy to write; 128 and the number
+        of the signal that stopped it.
     """
+    is_own_process = argv is None
+    if is_own_process:
+        leave_on_interrupt()
+        open_closed_descriptors()
+    with lasting_streams() as output:
+        code = _exit_code(argv, is_own_process=is_own_process)
+        output.flush()
+        # A reader that has gone has read enough, as in `voxjax info map.bt | head -1`.
+        if code == 0 and output.failure is not None and not isinstance(output.failure, BrokenPipeError):
+            warn(
+                f"the standard output cannot be written: {output.failure.strerror}; lead it to another place."
+            )
+            return 2
+        return code
+
+
+def _exit_code(argv: Sequence[str] | None, *, is_own_process: bool) -> int:
+    """Parse the arguments and run the command."""
     try:
         args = build_parser().parse_args(argv)
     except SystemExit as stop:  # --help, --version, or wrong arguments that have been explained
         return int(stop.code or 0)
     try:
-        return _load(args.command, is_own_process=argv is None).run(args)
+        with garbage_collection_put_off(for_good=is_own_process):
+            command = import_module(f".{args.command}", __package__)
+        if not is_own_process:
+            return command.run(args)
+        with signals_raise():
+            return command.run(args)
     except KeyboardInterrupt:
-        print("voxjax: stopped.", file=sys.stderr)
+        warn("stopped.")
         return 130
-    except BrokenPipeError:  # the reader of our output has gone, as in `voxjax info map.bt | head -1`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+    except Stopped as stop:
+        warn(f"stopped by {stop}.")
+        return stop.exit_code
     except Exception as error:
-        return _explain(error, debug=args.debug)
+        return _explained(error, is_debug=args.debug)
 
 
-def _load(command: str, *, is_own_process: bool) -> ModuleType:
-    """Import the module of a command.
-
-    Imports make some 150,000 objects and hardly any garbage; looking for it took a tenth of the time up to the first
-    result. In a process of its own what was imported stays until the end, and later searches leave it out.
-    """
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
-        return import_module(f".{command}", __package__)
-    finally:
-        if is_own_process:
-            gc.freeze()
-        if was_enabled:
-            gc.enable()
-
-
-def _explain(error: Exception, *, debug: bool) -> int:
+def _explained(error: Exception, *, is_debug: bool) -> int:
     """Say in one line what went wrong, and return the exit code."""
-    from .._checks import InputError
+    from .._checks import InputError  # imports NumPy, which help must not wait for
 
     if isinstance(error, InputError):
-        print(f"voxjax: {' '.join(str(error).split())}", file=sys.stderr)
+        warn(str(error))
         return 2
-    if debug:
+    if isinstance(error, MemoryError):
+        warn("the memory does not suffice; give a larger --voxel-size, smaller maps or more memory.")
+        return 2
+    if is_debug:
         traceback.print_exception(error)
     summary = " ".join(f"{type(error).__name__}: {error}".split())[:300]
-    advice = f"please report it at {ISSUES}" + ("." if debug else ", with what --debug prints.")
-    print(f"voxjax: internal fault ({summary}); {advice}", file=sys.stderr)
+    advice = "." if is_debug else ", with what --debug prints."
+    warn(f"internal fault ({summary}); please report it at https://github.com/voxjax/voxjax/issues{advice}")
     return 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import sys
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,6 +19,7 @@ from ..view import check_page_support, draw_merge, encode_png, page_html
 from .guess import parse_guess
 from .outputs import MAP_ENDINGS, check_outputs, map_bytes
 from .runtime import Progress, kept_kernels
+from .streams import tell, warn
 
 
 @kept_kernels()
@@ -35,22 +35,27 @@ def run(args: argparse.Namespace) -> int:
         if grid.num_occupied == 0:
             raise InputError(f"{path} has no occupied voxel, so there is nothing to align; leave it out.")
     merged = merge(
-        grids, preset=args.preset, rule=args.rule, gravity_aligned=args.gravity_aligned, init_guess=guess,
-        config=config, on_stage=progress,
-    )  # fmt: skip
+        grids,
+        preset=args.preset,
+        rule=args.rule,
+        gravity_aligned=args.gravity_aligned,
+        init_guess=guess,
+        config=config,
+        on_stage=progress,
+    )
     is_written = merged.status == "merged" or (merged.status == "partial" and args.allow_partial)
     progress("write")
     write_files(_contents(args, grids, merged, progress, is_written=is_written), force=args.force)
     progress.finish()
     for line in summary(merged, args.maps):
-        print(line)
+        tell(line)
     if is_written:
         grid = merged.grid
         assert grid is not None
-        print(f"{args.output}: {grid!r}")
+        tell(f"{args.output}: {grid!r}")
         return 0
     hint = "" if merged.status == "no_overlap" else " Use --allow-partial to write the map of the others."
-    print(f"voxjax: no map written: {merged.reason}{hint}", file=sys.stderr)
+    warn(f"no map written: {merged.reason}{hint}")
     return 3
 
 
@@ -110,9 +115,11 @@ def _check(args: argparse.Namespace) -> None:
         if not Path(path).is_file():
             raise InputError(f"{path} cannot be read: there is no such file.")
     outputs = [
-        (args.output, MAP_ENDINGS), (args.report, (".json",)), (args.picture, (".png",)),
+        (args.output, MAP_ENDINGS),
+        (args.report, (".json",)),
+        (args.picture, (".png",)),
         (args.html, (".html", ".htm")),
-    ]  # fmt: skip
+    ]
     check_outputs(outputs, force=args.force)
     if args.html is not None:
         check_page_support()

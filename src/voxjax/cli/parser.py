@@ -4,6 +4,7 @@ import argparse
 from typing import NoReturn
 
 from .. import __version__
+from .streams import warn
 
 EXIT_CODES = """exit codes:
   0  done; merge: the map was written
@@ -17,7 +18,8 @@ class _Parser(argparse.ArgumentParser):
     """Says what is wrong with the arguments in one line instead of printing the whole usage."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"voxjax: {message} (see: {self.prog} --help)\n")
+        warn(f"{message} (see: {self.prog} --help)")
+        self.exit(2)
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -62,9 +64,11 @@ def _add_force(command: argparse.ArgumentParser) -> None:
 
 def _add_voxel_size(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "--voxel-size", type=positive_number, metavar="M",
+        "--voxel-size",
+        type=positive_number,
+        metavar="M",
         help="edge length of a voxel [m]; clouds (.ply) need it, maps are brought to it",
-    )  # fmt: skip
+    )
 
 
 def _add_preset(command: argparse.ArgumentParser) -> None:
@@ -95,15 +99,17 @@ def _add_merge(commands) -> None:
     )
     _add_preset(command)
     command.add_argument(
-        "--rule", choices=("paper", "keep", "log_odds"),
+        "--rule",
+        choices=("paper", "keep", "log_odds"),
         help="how states are combined; chosen by what the maps hold if not given",
-    )  # fmt: skip
+    )
     command.add_argument("--config", metavar="F.toml", help="settings of the stages")
     command.add_argument(
-        "--init-guess", metavar="T",
+        "--init-guess",
+        metavar="T",
         help="with two maps, a pose to try as well, mapping points of the second into the first: 16 numbers "
         "(4x4, row by row) or 7 (x y z qx qy qz qw), in quotes, or the name of a text file that holds them",
-    )  # fmt: skip
+    )
     command.add_argument(
         "--allow-partial", action="store_true", help="write the map also when some of the maps fit none"
     )
@@ -151,9 +157,10 @@ def _add_render(commands) -> None:
 
 def _add_demo(commands) -> None:
     command = _add_command(
-        commands, "demo",
+        commands,
+        "demo",
         "A generated building, scanned by three robots, merged, checked against the truth, drawn.",
-    )  # fmt: skip
+    )
     command.add_argument(
         "--out", default="demo", metavar="DIR", help="folder for the files (made if missing)"
     )

@@ -7,6 +7,7 @@ from .._runtime.whole_files import write_files
 from ..io import read_map
 from ..view import draw_maps, encode_png
 from .outputs import check_outputs
+from .streams import tell
 
 
 def run(args: argparse.Namespace) -> int:
@@ -17,5 +18,5 @@ def run(args: argparse.Namespace) -> int:
     picture = encode_png(draw_maps(grids, names=names, cut_ceiling=not args.keep_ceiling))
     write_files({args.output: picture}, force=args.force)
     height, width = int.from_bytes(picture[20:24], "big"), int.from_bytes(picture[16:20], "big")
-    print(f"{args.output}: {width} x {height} pixels")
+    tell(f"{args.output}: {width} x {height} pixels")
     return 0

@@ -14,6 +14,7 @@ from typing import TextIO
 
 from .._checks import InputError
 from .._runtime.compilation_cache import PROGRAMS, keep_quickly_compiled_kernels, use_compilation_cache
+from .streams import warn
 
 _UNREADABLE = re.compile(r"Error reading persistent compilation cache entry for '([^']+)'")
 _UNWRITTEN = re.compile(r"Error writing persistent compilation cache entry for '[^']+': (.+)", re.DOTALL)
@@ -39,7 +40,7 @@ def kept_kernels() -> Iterator[None]:
     try:
         folder = use_compilation_cache()
     except InputError as error:
-        _say(f"{str(error).rsplit(';', 1)[0]}; set XDG_CACHE_HOME to another folder, or VOXJAX_CACHE=off.")
+        warn(f"{str(error).rsplit(';', 1)[0]}; set XDG_CACHE_HOME to another folder, or VOXJAX_CACHE=off.")
         yield
         return
     with _mended(folder):
@@ -53,7 +54,7 @@ def _keep_programs(folder: Path) -> None:
     try:
         keep_programs(folder)
     except OSError as error:
-        _say(f"programs cannot be kept in {folder}: {error.strerror}.")
+        warn(f"programs cannot be kept in {folder}: {error.strerror}.")
 
 
 @contextmanager
@@ -71,7 +72,7 @@ def _mended(folder: Path) -> Iterator[None]:
                 entry.unlink(missing_ok=True)
         elif unwritten:
             if not is_said:
-                _say(f"compiled kernels cannot be kept in {folder}: {unwritten[1]}.")
+                warn(f"compiled kernels cannot be kept in {folder}: {unwritten[1]}.")
             is_said = True
         else:
             show(message, category, filename, lineno, *rest)  # pyright: ignore[reportArgumentType]
@@ -80,10 +81,6 @@ def _mended(folder: Path) -> Iterator[None]:
         warnings.filterwarnings("always", message="Error (reading|writing) persistent compilation cache")
         warnings.showwarning = act
         yield
-
-
-def _say(text: str) -> None:
-    print(f"voxjax: {' '.join(text.split())}", file=sys.stderr)
 
 
 class Progress:
