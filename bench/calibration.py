@@ -35,19 +35,29 @@ DEGREES, METRES = 3.0, 0.4
 def judge(found: vx.Registration, truth: np.ndarray | None, b: vx.VoxelGrid) -> dict[str, Any]:
     """One row: what was said, what it rests on, and what is true."""
     row: dict[str, Any] = {
-        "verdict": found.verdict, "confidence": found.confidence, "right": False, "rank": None,
-        "rounds": found.stats.get("num_rounds"), "proposed": found.stats.get("num_hypotheses"),
+        "verdict": found.verdict,
+        "confidence": found.confidence,
+        "right": False,
+        "rank": None,
+        "rounds": found.stats.get("num_rounds"),
+        "proposed": found.stats.get("num_hypotheses"),
         "has_free_space": found.stats.get("has_free_space"),
         "seconds": sum(found.stats["seconds"].values()),
-    }  # fmt: skip
+    }
     centroid = b.occupied_points().mean(axis=0, dtype=np.float64)
     errors = [None if truth is None else pose_error(h.T_a_b, truth, centroid) for h in found.hypotheses]
     good = [e is not None and e.degrees <= DEGREES and e.metres <= METRES for e in errors]
     row["leaders"] = [
-        {"score": h.evidence.score, "support": h.evidence.support, "shared": h.evidence.shared_area,
-         "contradiction": h.evidence.contradiction_area, "conflict": h.evidence.free_conflict, "right": is_right}
+        {
+            "score": h.evidence.score,
+            "support": h.evidence.support,
+            "shared": h.evidence.shared_area,
+            "contradiction": h.evidence.contradiction_area,
+            "conflict": h.evidence.free_conflict,
+            "right": is_right,
+        }
         for h, is_right in zip(found.hypotheses, good, strict=True)
-    ]  # fmt: skip
+    ]
     row["rank"] = good.index(True) if True in good else None
     row["right"] = row["rank"] == 0
     if row["right"] and errors[0] is not None and truth is not None:

@@ -27,9 +27,12 @@ def make_world(seed: int, kind: str) -> tuple[list[vx.VoxelGrid], np.ndarray | N
         team = simulate_team(seed, overlap=float(rng.choice(OVERLAPS)), **plain)
     elif kind == "hotel":
         team = simulate_hotel(
-            seed, frame=frame, drift=drift, rooms_per_side=int(rng.integers(4, 7)),
+            seed,
+            frame=frame,
+            drift=drift,
+            rooms_per_side=int(rng.integers(4, 7)),
             shared_columns=int(rng.integers(1, 5)),
-        )  # fmt: skip
+        )
     else:
         team = simulate_team(seed, num_robots=1, overlap=float(rng.choice([0.4, 0.65])), **plain)
     return list(team.grids), team.true_pose(0, 1) if len(team.grids) == 2 else None

@@ -168,10 +168,15 @@ def _folder_case(name: str, source: str, truth: dict, files: list[MapFile]) -> C
     overlap = min((value for value in overlaps if value is not None), default=0.0)
     degrees, metres = _tolerances(truth["resolution"])
     return Case(
-        name=name, source=source, kind=truth["kind"], rotation=truth.get("mode") or rotation_kind(T_a_b),
-        degrees=truth.get("rot_tol_deg", degrees), metres=truth.get("trans_tol_m", metres),
-        load=lambda: MapPair(files[0].read(), files[1].read(), T_a_b, overlap), options={},
-    )  # fmt: skip
+        name=name,
+        source=source,
+        kind=truth["kind"],
+        rotation=truth.get("mode") or rotation_kind(T_a_b),
+        degrees=truth.get("rot_tol_deg", degrees),
+        metres=truth.get("trans_tol_m", metres),
+        load=lambda: MapPair(files[0].read(), files[1].read(), T_a_b, overlap),
+        options={},
+    )
 
 
 def _reframed(case: Case, files: list[MapFile], number: int, seed: int) -> Case:

@@ -131,11 +131,18 @@ def measure(pair: Pair, rng: np.random.Generator) -> list[dict]:
         random_a, random_b = _drawn(rng, place_a, len(in_a)), _drawn(rng, place_b, len(in_b))
         chance = both_ways(random_a, random_b, tree_a, tree_b, voxel)
         rows.append(
-            {"pair": pair.name, "source": pair.source, "detector": name, "points": [len(in_a), len(in_b)],
-             "overlap": count.num_overlap, "repeated": count.num_repeated, "chance_overlap": chance.num_overlap,
-             "chance_repeated": chance.num_repeated,
-             "seconds": (seconds[name] + more[name]) / 2 if name in seconds else None}
-        )  # fmt: skip
+            {
+                "pair": pair.name,
+                "source": pair.source,
+                "detector": name,
+                "points": [len(in_a), len(in_b)],
+                "overlap": count.num_overlap,
+                "repeated": count.num_repeated,
+                "chance_overlap": chance.num_overlap,
+                "chance_repeated": chance.num_repeated,
+                "seconds": (seconds[name] + more[name]) / 2 if name in seconds else None,
+            }
+        )
     return rows
 
 
@@ -151,8 +158,10 @@ def _moved(T: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 def table(rows: list[dict]) -> list[str]:
     """Markdown: one row a source and detector, points of all its pairs together."""
-    lines = ["| maps | detector | points a map | in the overlap | repeatability | chance | s a map |",
-             "|---|---|---|---|---|---|---|"]  # fmt: skip
+    lines = [
+        "| maps | detector | points a map | in the overlap | repeatability | chance | s a map |",
+        "|---|---|---|---|---|---|---|",
+    ]
     for source in dict.fromkeys(row["source"] for row in rows):
         mine = [row for row in rows if row["source"] == source]
         num_pairs = len({row["pair"] for row in mine})

@@ -60,9 +60,12 @@ def main(argv: list[str]) -> int:
         is_free = states == 1
         both = int((inferred & is_free).sum())
         row = {
-            "name": name, "voxels": states.size, "seconds": seconds,
-            "precision": both / max(int(inferred.sum()), 1), "recall": both / max(int(is_free.sum()), 1),
-        }  # fmt: skip
+            "name": name,
+            "voxels": states.size,
+            "seconds": seconds,
+            "precision": both / max(int(inferred.sum()), 1),
+            "recall": both / max(int(is_free.sum()), 1),
+        }
         rows.append(row)
         print(
             f"| {name} | {states.size:,} | {row['precision']:.3f} | {row['recall']:.2f} | {seconds:.2f} |",

@@ -42,12 +42,25 @@ def result_of(
     met += [nanoseconds <= row.max_ns] if row.max_ns else []
     met += [temporary <= row.max_temporary] if row.max_temporary and temporary is not None else []
     return {
-        "name": row.name, "quick": quick, "setting": setting, "ours": row.ours, "unit": row.unit, "count": row.count,
-        "seconds": ours, "ns_per_item": nanoseconds, "max_ns": row.max_ns, "first_call_s": times[row.ours]["first_s"],
-        "bytes_per_s": rate, "share_of_limit": rate / limit if rate and limit else None,
-        "temporary_per_item": temporary, "max_temporary": row.max_temporary, "targets": targets,
-        "met": all(met) if met else None, "times": times, "note": row.note,
-    }  # fmt: skip
+        "name": row.name,
+        "quick": quick,
+        "setting": setting,
+        "ours": row.ours,
+        "unit": row.unit,
+        "count": row.count,
+        "seconds": ours,
+        "ns_per_item": nanoseconds,
+        "max_ns": row.max_ns,
+        "first_call_s": times[row.ours]["first_s"],
+        "bytes_per_s": rate,
+        "share_of_limit": rate / limit if rate and limit else None,
+        "temporary_per_item": temporary,
+        "max_temporary": row.max_temporary,
+        "targets": targets,
+        "met": all(met) if met else None,
+        "times": times,
+        "note": row.note,
+    }
 
 
 def lines_of(result: dict) -> list[str]:
@@ -125,10 +138,15 @@ def table(results: Sequence[dict]) -> str:
         against = [f"{t['ratio']:.2g} x {t['reference']} (>= {t['at_least']:g})" for t in r["targets"]]
         share, temporary = r["share_of_limit"], r["temporary_per_item"]
         cells = [
-            r["name"], r["setting"]["allocator"], format_seconds(r["seconds"]), f"{r['ns_per_item']:.3g} ns",
-            "<br>".join(against) or "-", "-" if share is None else f"{100 * share:.0f} %",
-            "-" if temporary is None else f"{temporary:.2f} B", {True: "met", False: "missed", None: "-"}[r["met"]],
-        ]  # fmt: skip
+            r["name"],
+            r["setting"]["allocator"],
+            format_seconds(r["seconds"]),
+            f"{r['ns_per_item']:.3g} ns",
+            "<br>".join(against) or "-",
+            "-" if share is None else f"{100 * share:.0f} %",
+            "-" if temporary is None else f"{temporary:.2f} B",
+            {True: "met", False: "missed", None: "-"}[r["met"]],
+        ]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 

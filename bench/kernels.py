@@ -38,7 +38,7 @@ def main(argv: list[str]) -> int:
     """Run the benchmark; 1 if a module of rows failed or, with --gate, a ratio fell."""
     args = _parse(argv)
     if args.table:
-        print(_tables(args.results))
+        print(tables(args.results))
         return 0
     if args.device:
         jax.config.update("jax_platforms", args.device)
@@ -164,7 +164,7 @@ def _gate(results: list[dict], path: Path) -> int:
     return int(bool(lines))
 
 
-def _tables(folder: Path) -> str:
+def tables(folder: Path) -> str:
     """Markdown tables of all files of results, and what is still missing."""
     parts, has_gpu = [], False
     for path in sorted(folder.glob("*.json")):

@@ -50,9 +50,13 @@ def _open3d_iss(grid: VoxelGrid) -> np.ndarray:
     geometry: Any = open3d.geometry
     cloud = geometry.PointCloud(open3d.utility.Vector3dVector(grid.occupied_points().astype(np.float64)))
     found = geometry.keypoint.compute_iss_keypoints(
-        cloud, salient_radius=ISS_SALIENT_RADIUS * grid.voxel_size, non_max_radius=ISS_MAX_RADIUS * grid.voxel_size,
-        gamma_21=ISS_RATIO, gamma_32=ISS_RATIO, min_neighbors=ISS_FEWEST,
-    )  # fmt: skip
+        cloud,
+        salient_radius=ISS_SALIENT_RADIUS * grid.voxel_size,
+        non_max_radius=ISS_MAX_RADIUS * grid.voxel_size,
+        gamma_21=ISS_RATIO,
+        gamma_32=ISS_RATIO,
+        min_neighbors=ISS_FEWEST,
+    )
     return np.asarray(found.points)
 
 

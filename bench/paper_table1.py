@@ -80,11 +80,22 @@ def measure(
     reach = TOLERANCE * grid.voxel_size
     hit = within(position, found, reach)
     correct = int(np.count_nonzero(within(found, position, reach)))
-    rows = {f"{name} corners": (int((hit & is_shown & (kind == name)).sum()), int((is_shown & (kind == name)).sum()))
-            for name in KINDS}  # fmt: skip
+    rows = {
+        f"{name} corners": (
+            int((hit & is_shown & (kind == name)).sum()),
+            int((is_shown & (kind == name)).sum()),
+        )
+        for name in KINDS
+    }
     rows["all corners"] = (int((hit & is_shown).sum()), int(is_shown.sum()))
-    return {"rows": rows, "correct": correct, "wrong": len(found) - correct, "before": before, "after": len(found),
-            "seconds": seconds}  # fmt: skip
+    return {
+        "rows": rows,
+        "correct": correct,
+        "wrong": len(found) - correct,
+        "before": before,
+        "after": len(found),
+        "seconds": seconds,
+    }
 
 
 def print_table(preset: str, maps: list[dict]) -> None:

@@ -102,13 +102,18 @@ def _open3d(points_a: np.ndarray, points_b: np.ndarray, working: float) -> Coars
     clouds, features = zip(*(fpfh(points, working) for points in (points_b, points_a)), strict=True)
     reach = 1.5 * working
     found = registration.registration_ransac_based_on_feature_matching(
-        *clouds, *features, True, reach, registration.TransformationEstimationPointToPoint(False), 3,
+        *clouds,
+        *features,
+        True,
+        reach,
+        registration.TransformationEstimationPointToPoint(False),
+        3,
         [
             registration.CorrespondenceCheckerBasedOnEdgeLength(0.9),
             registration.CorrespondenceCheckerBasedOnDistance(reach),
         ],
         registration.RANSACConvergenceCriteria(100_000, 0.999),
-    )  # fmt: skip
+    )
     return Coarse(np.asarray(found.transformation), None, float(found.fitness))
 
 
@@ -124,10 +129,15 @@ def _teaser(points_a: np.ndarray, points_b: np.ndarray, working: float) -> Coars
     T, clique = np.eye(4), 0
     if len(rows_b) >= 3:
         solver = module.RobustRegistrationSolver(
-            noise_bound=working, cbar2=1.0, estimate_scaling=False, rotation_max_iterations=10_000,
-            rotation_estimation_algorithm=module.RotationEstimationAlgorithm.GNC_TLS, rotation_gnc_factor=1.4,
-            rotation_cost_threshold=1e-16, inlier_selection_mode=module.InlierSelectionMode.PMC_EXACT,
-        )  # fmt: skip
+            noise_bound=working,
+            cbar2=1.0,
+            estimate_scaling=False,
+            rotation_max_iterations=10_000,
+            rotation_estimation_algorithm=module.RotationEstimationAlgorithm.GNC_TLS,
+            rotation_gnc_factor=1.4,
+            rotation_cost_threshold=1e-16,
+            inlier_selection_mode=module.InlierSelectionMode.PMC_EXACT,
+        )
         solver.solve(np.asarray(cloud_b.points)[rows_b].T, np.asarray(cloud_a.points)[rows_a].T)
         clique = len(solver.getInlierMaxClique())
         if clique >= 3:  # its pose is not set, or not determined, below that
@@ -138,19 +148,25 @@ def _teaser(points_a: np.ndarray, points_b: np.ndarray, working: float) -> Coars
 
 PEERS = (
     Peer(
-        "kiss-matcher", ("kiss_matcher", "small_gicp"),
-        'pip install "voxjax[bench]"', _kiss_matcher,
+        "kiss-matcher",
+        ("kiss_matcher", "small_gicp"),
+        'pip install "voxjax[bench]"',
+        _kiss_matcher,
     ),
     Peer(
-        "open3d", ("open3d", "small_gicp"),
-        f"pip install open3d-cpu small-gicp; {_LIBRARIES}", _open3d,
+        "open3d",
+        ("open3d", "small_gicp"),
+        f"pip install open3d-cpu small-gicp; {_LIBRARIES}",
+        _open3d,
     ),
     Peer(
-        "teaser", ("teaserpp_python", "open3d", "small_gicp"),
+        "teaser",
+        ("teaserpp_python", "open3d", "small_gicp"),
         "pip install open3d-cpu small-gicp git+https://github.com/MIT-SPARK/TEASER-plusplus, which is built from "
-        f"source and needs CMake, a C++ compiler and Eigen (libeigen3-dev); {_LIBRARIES}", _teaser,
+        f"source and needs CMake, a C++ compiler and Eigen (libeigen3-dev); {_LIBRARIES}",
+        _teaser,
     ),
-)  # fmt: skip
+)
 """Peers that can be asked for."""
 
 
@@ -205,8 +221,13 @@ def refine_twice(
     threads = os.cpu_count() or 1
     for leaf, reach in ((working, 3 * working), (max(voxel_size, working / 2), working)):
         found = gicp.align(
-            points_a.astype(np.float64), points_b.astype(np.float64), T_a_b, downsampling_resolution=leaf,
-            max_correspondence_distance=reach, num_threads=threads, max_iterations=30,
-        )  # fmt: skip
+            points_a.astype(np.float64),
+            points_b.astype(np.float64),
+            T_a_b,
+            downsampling_resolution=leaf,
+            max_correspondence_distance=reach,
+            num_threads=threads,
+            max_iterations=30,
+        )
         T_a_b = np.asarray(found.T_target_source)
     return T_a_b

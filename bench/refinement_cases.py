@@ -113,8 +113,11 @@ def starts_of(
     centroid = centroid_of_b(pair)
     return [
         pose_off(
-            pair.T_a_b, centroid, metres=metres, degrees=degrees,
+            pair.T_a_b,
+            centroid,
+            metres=metres,
+            degrees=degrees,
             rng=np.random.default_rng([seed, number, zlib.crc32(case.name.encode())]),
         )
         for number in range(count)
-    ]  # fmt: skip
+    ]

@@ -64,7 +64,11 @@ def covariance_rows(plan: Plan, refiners: object) -> Iterator[Row]:
     for (suite, name), values in found.items():
         normalised, size = np.asarray(values).T
         yield {
-            "suite": suite, "covariance": name, "num_poses": len(values), "mean": float(normalised.mean()),
-            "median": float(np.median(normalised)), "below_95": float((normalised < CHI2_95).mean()),
+            "suite": suite,
+            "covariance": name,
+            "num_poses": len(values),
+            "mean": float(normalised.mean()),
+            "median": float(np.median(normalised)),
+            "below_95": float((normalised < CHI2_95).mean()),
             "metres": float(np.median(size)),
-        }  # fmt: skip
+        }

@@ -77,11 +77,17 @@ def accuracy_rows(plan: Plan, refiners: Sequence[Refiner]) -> Iterator[Row]:
                 T = refine(start)
                 seconds = time.perf_counter() - begin
                 error = _error(T, pair)
-                found.setdefault((case.suite, refiner.name), []).append({
-                    "case": case.name, "metres": error.metres, "voxels": error.metres / pair.a.voxel_size,
-                    "degrees": error.degrees, "converged": has_converged(error, pair.a.voxel_size),
-                    "seconds": seconds, "prepare_seconds": prepare_seconds,
-                })  # fmt: skip
+                found.setdefault((case.suite, refiner.name), []).append(
+                    {
+                        "case": case.name,
+                        "metres": error.metres,
+                        "voxels": error.metres / pair.a.voxel_size,
+                        "degrees": error.degrees,
+                        "converged": has_converged(error, pair.a.voxel_size),
+                        "seconds": seconds,
+                        "prepare_seconds": prepare_seconds,
+                    }
+                )
     suites = dict.fromkeys(case.suite for case in plan.suites)
     for suite in suites:
         for refiner in refiners:
@@ -95,9 +101,13 @@ def accuracy_row(suite: str, method: str, poses: Sequence[Row]) -> Row:
         for key in ("metres", "voxels", "degrees", "seconds", "prepare_seconds")
     }
     return {
-        "suite": suite, "method": method, "num_pairs": len({p["case"] for p in poses}), "num_poses": len(poses),
-        "converged": sum(p["converged"] for p in poses) / len(poses), **spread,
-    }  # fmt: skip
+        "suite": suite,
+        "method": method,
+        "num_pairs": len({p["case"] for p in poses}),
+        "num_poses": len(poses),
+        "converged": sum(p["converged"] for p in poses) / len(poses),
+        **spread,
+    }
 
 
 def basin_rows(plan: Plan, refiners: Sequence[Refiner]) -> Iterator[Row]:
@@ -123,11 +133,14 @@ def basin_rows(plan: Plan, refiners: Sequence[Refiner]) -> Iterator[Row]:
     for line, (by_metres, by_degrees) in LINES.items():
         for refiner in refiners:
             yield {
-                "line": line, "method": refiner.name, "num_pairs": len(plan.basin), "num_trials": trials.tolist(),
+                "line": line,
+                "method": refiner.name,
+                "num_pairs": len(plan.basin),
+                "num_trials": trials.tolist(),
                 "metres": (share * by_metres * LARGEST_METRES).tolist(),
                 "degrees": (share * by_degrees * LARGEST_DEGREES).tolist(),
                 "converged": (hits[line, refiner.name] / trials).tolist(),
-            }  # fmt: skip
+            }
 
 
 def has_converged(error: PoseError, voxel_size: float) -> bool:

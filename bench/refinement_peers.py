@@ -131,10 +131,17 @@ def _small_gicp(name: str, kind: str) -> Refiner:
             for stage in stages:
                 (a, tree), (b, _) = clouds[stage.leaf]
                 found = gicp.align(
-                    a, b, tree, T, registration_type=kind, num_threads=threads, max_iterations=NUM_STEPS,
+                    a,
+                    b,
+                    tree,
+                    T,
+                    registration_type=kind,
+                    num_threads=threads,
+                    max_iterations=NUM_STEPS,
                     max_correspondence_distance=max(stage.reach, SMALLEST_REACH * voxel_size),
-                    rotation_epsilon=1e-4, translation_epsilon=1e-4,
-                )  # fmt: skip
+                    rotation_epsilon=1e-4,
+                    translation_epsilon=1e-4,
+                )
                 T = np.asarray(found.T_target_source)
             return T
 
@@ -164,9 +171,13 @@ def _open3d(name: str, near: str, wide: str) -> Refiner:
                 reach = max(stage.reach, SMALLEST_REACH * voxel_size)
                 kernel = registration.TukeyLoss(reach) if loss == "tukey" else registration.L2Loss()
                 found = registration.registration_icp(
-                    b, a, reach, T, registration.TransformationEstimationPointToPlane(kernel),
+                    b,
+                    a,
+                    reach,
+                    T,
+                    registration.TransformationEstimationPointToPlane(kernel),
                     registration.ICPConvergenceCriteria(1e-6, 1e-6, NUM_STEPS),
-                )  # fmt: skip
+                )
                 T = np.asarray(found.transformation)
             return T
 

@@ -115,8 +115,11 @@ def _in_process(seed: int, cache: str) -> float:
     """Seconds of the first solve in a process of its own."""
     done = subprocess.run(
         [sys.executable, "-m", "bench.refinement_solver", str(seed), cache],
-        cwd=Path(__file__).parents[1], capture_output=True, text=True, check=True,
-    )  # fmt: skip
+        cwd=Path(__file__).parents[1],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     return json.loads(done.stdout)["seconds"]
 
 

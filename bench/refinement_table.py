@@ -119,8 +119,16 @@ def markdown(results: Results) -> str:
     parts = []
     if "accuracy" in results:
         rows = results["accuracy"]["rows"]
-        head = ("pairs", "method", "error [m], median / 90 %", "voxels", "degrees, median / 90 %", "converged",
-                "time", "preparation")  # fmt: skip
+        head = (
+            "pairs",
+            "method",
+            "error [m], median / 90 %",
+            "voxels",
+            "degrees, median / 90 %",
+            "converged",
+            "time",
+            "preparation",
+        )
         parts.append(_table(head, [_accuracy_cells(row) for row in rows]))
     if "basin" in results:
         rows = results["basin"]["rows"]
@@ -139,10 +147,15 @@ def markdown(results: Results) -> str:
             "below the 95 % quantile",
         )
         cells = [
-            [row["suite"], row["covariance"], str(row["num_poses"]), f"{row['mean']:.2f} / {row['median']:.2f}",
-             f"{100 * row['below_95']:.0f} %"]
+            [
+                row["suite"],
+                row["covariance"],
+                str(row["num_poses"]),
+                f"{row['mean']:.2f} / {row['median']:.2f}",
+                f"{100 * row['below_95']:.0f} %",
+            ]
             for row in results["covariance"]["rows"]
-        ]  # fmt: skip
+        ]
         parts.append(_table(head, cells))
     judged = [[what, value, "met" if is_met else "missed"] for what, value, is_met in targets(results)]
     if judged:
@@ -163,11 +176,15 @@ def _met_text(row: Row) -> str:
 
 def _accuracy_cells(row: Row) -> list[str]:
     return [
-        f"{row['suite']} ({row['num_pairs']})", row["method"], f"{row['metres'][0]:.3f} / {row['metres'][1]:.3f}",
-        f"{row['voxels'][0]:.2f}", f"{row['degrees'][0]:.3f} / {row['degrees'][1]:.3f}",
-        f"{100 * row['converged']:.0f} %", format_seconds(row["seconds"][0]),
+        f"{row['suite']} ({row['num_pairs']})",
+        row["method"],
+        f"{row['metres'][0]:.3f} / {row['metres'][1]:.3f}",
+        f"{row['voxels'][0]:.2f}",
+        f"{row['degrees'][0]:.3f} / {row['degrees'][1]:.3f}",
+        f"{100 * row['converged']:.0f} %",
+        format_seconds(row["seconds"][0]),
         format_seconds(row["prepare_seconds"][0]),
-    ]  # fmt: skip
+    ]
 
 
 def _split(rows: Sequence[Row]) -> tuple[Row | None, list[Row]]:

@@ -146,16 +146,21 @@ def _voxjax(preset: Any) -> Method:
         seconds = time.perf_counter() - start
         leaders = found.hypotheses
         row: Row = {
-            "seconds": seconds, "verdict": found.verdict, "accepted": found.accepted, "reason": found.reason,
-            "confidence": float(found.confidence), "stages": found.stats["seconds"],
+            "seconds": seconds,
+            "verdict": found.verdict,
+            "accepted": found.accepted,
+            "reason": found.reason,
+            "confidence": float(found.confidence),
+            "stages": found.stats["seconds"],
             "clique_size": found.stats.get("clique_size"),
-        }  # fmt: skip
+        }
         if leaders:
             row |= {
-                "source_of_pose": leaders[0].source, "score": float(leaders[0].score),
+                "source_of_pose": leaders[0].source,
+                "score": float(leaders[0].score),
                 "conflict": float(leaders[0].evidence.free_conflict),
                 "rival": float(leaders[1].score) if len(leaders) > 1 else 0.0,
-            }  # fmt: skip
+            }
         return row | case.judge([np.asarray(h.T_a_b) for h in leaders], pair.T_a_b, _centroid(pair))
 
     return run
@@ -168,9 +173,12 @@ def _peer(peer: Peer) -> Method:
         answer = run_peer(peer, a, b, voxel_size=max(pair.a.voxel_size, pair.b.voxel_size), is_real=is_real)
         verdict = {None: "-", True: "valid", False: "not valid"}[answer.is_valid]
         row: Row = {
-            "seconds": answer.seconds, "refine_seconds": answer.refine_seconds, "verdict": verdict,
-            "accepted": answer.is_valid, "score": answer.score,
-        }  # fmt: skip
+            "seconds": answer.seconds,
+            "refine_seconds": answer.refine_seconds,
+            "verdict": verdict,
+            "accepted": answer.is_valid,
+            "score": answer.score,
+        }
         return row | case.judge([answer.T_a_b], pair.T_a_b, _centroid(pair))
 
     return run
@@ -180,10 +188,16 @@ def _measure(name: str, method: Method, case: Case, pair: MapPair, *, warm: bool
     """The method's row; with `warm` of its second call, and the time of the first beside it."""
     first = {"first_seconds": method(case, pair)["seconds"]} if warm else {}
     about: Row = {
-        "case": case.name, "method": name, "source": case.source, "kind": case.kind, "rotation": case.rotation,
-        "overlap": pair.overlap, "options": case.options, "voxel_size": pair.a.voxel_size,
+        "case": case.name,
+        "method": name,
+        "source": case.source,
+        "kind": case.kind,
+        "rotation": case.rotation,
+        "overlap": pair.overlap,
+        "options": case.options,
+        "voxel_size": pair.a.voxel_size,
         "num_occupied": [pair.a.num_occupied, pair.b.num_occupied],
-    }  # fmt: skip
+    }
     return about | first | method(case, pair)
 
 
@@ -205,9 +219,12 @@ def _environment(peers: list[Peer]) -> dict[str, Any]:
     for peer in peers:
         versions |= peer.versions()
     return {
-        "python": platform.python_version(), "voxjax": vx.__version__, "device": str(jax.devices()[0]),
-        "cores": os.cpu_count(), "versions": versions,
-    }  # fmt: skip
+        "python": platform.python_version(),
+        "voxjax": vx.__version__,
+        "device": str(jax.devices()[0]),
+        "cores": os.cpu_count(),
+        "versions": versions,
+    }
 
 
 def _save(path: Path, contents: dict[str, Any]) -> None:

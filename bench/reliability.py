@@ -19,11 +19,28 @@ def upper_bound(events: int, trials: int) -> float:
 
 
 def summary(rows: list[dict]) -> list[str]:
-    """Table by kind, calibration, covariance, times."""
-    lines = [
-        "| pairs | right | in the first 5 | accepted and right | accepted and wrong (95 % bound of the rate) |"
+    """Lines for people and for Markdown: a table by kind, the calibration error, covariances, errors."""
+    confidence, is_right = (np.asarray([r[key] for r in rows], float) for key in ("confidence", "right"))
+    balanced = balance(rows)
+    return [
+        *_table(rows),
+        f"\nexpected calibration error {calibration_error(confidence, is_right):.3f} on {len(rows)} pairs",
+        f"half of them of one building: {calibration_error(*balanced):.3f} on {len(balanced[0])} pairs",
+        *_covariance_lines([r for r in rows if r["right"] and r["verdict"] == "accepted"]),
+        *_error_lines([r for r in rows if r["right"] and r["kind"] == "pair"]),
     ]
-    lines.append("|---|---|---|---|---|")
+
+
+def _table(rows: list[dict]) -> list[str]:
+    """A Markdown table with a row for each kind of pair."""
+    head = (
+        "pairs",
+        "right",
+        "in the first 5",
+        "accepted and right",
+        "accepted and wrong (95 % bound of the rate)",
+    )
+    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
     names = {"pair": "one building", "hotel": "equal rooms", "cross": "different buildings"}
     for kind, name in names.items():
         mine = [r for r in rows if r["kind"] == kind]
@@ -32,35 +49,35 @@ def summary(rows: list[dict]) -> list[str]:
         accepted = [r for r in mine if r["verdict"] == "accepted"]
         wrong = sum(not r["right"] for r in accepted)
         near = sum(r["rank"] is not None and r["rank"] < 5 for r in mine)
+        # Maps of different buildings have no true pose that could be found.
         truth = f"{sum(r['right'] for r in mine)} | {near}" if kind != "cross" else "- | -"
         bound = f"{wrong} ({100 * upper_bound(wrong, len(mine)):.1f} %)"
         lines.append(f"| {name} ({len(mine)}) | {truth} | {len(accepted) - wrong} | {bound} |")
-    confidence = np.asarray([r["confidence"] for r in rows])
-    is_right = np.asarray([r["right"] for r in rows], float)
-    lines.append(
-        f"\nexpected calibration error {calibration_error(confidence, is_right):.3f} on {len(rows)} pairs"
-    )
-    balanced = balance(rows)
-    lines.append(
-        f"half of them of one building: {calibration_error(*balanced[:2]):.3f} on {len(balanced[0])} pairs"
-    )
-    nees = [
-        float(np.asarray(r["tangent"]) @ np.linalg.solve(np.asarray(r["covariance"]), np.asarray(r["tangent"])))
-        for r in rows if r["right"] and r["verdict"] == "accepted"
-    ]  # fmt: skip
-    if nees:
-        inside = float(np.mean(np.asarray(nees) <= chi2.ppf(0.95, 6)))
-        lines.append(
-            f"normalised error squared of {len(nees)} accepted poses: mean {np.mean(nees):.2f} (6 if the covariance is "
-            f"right), {100 * inside:.0f} % below the 95 % quantile"
-        )
-    right = [r for r in rows if r["right"] and r["kind"] == "pair"]
-    if right:
-        lines.append("error of the right poses of one building, median and 90th percentile: " + ", ".join(
-            f"{np.median([r[k] for r in right]):.2f} and {np.percentile([r[k] for r in right], 90):.2f} {unit}"
-            for k, unit in (("degrees", "deg"), ("metres", "m"))
-        ))  # fmt: skip
     return lines
+
+
+def _covariance_lines(accepted: list[dict]) -> list[str]:
+    """What the errors of accepted, right poses say about their covariances; nothing without such poses."""
+    if not accepted:
+        return []
+    tangents, covariances = (np.asarray([r[key] for r in accepted]) for key in ("tangent", "covariance"))
+    squared = np.einsum("ni,ni->n", tangents, np.linalg.solve(covariances, tangents[..., None])[..., 0])
+    share = 100 * np.mean(squared <= chi2.ppf(0.95, 6))
+    return [
+        f"normalised error squared of {len(squared)} accepted poses: mean {squared.mean():.2f} (6 if the covariance "
+        f"is right), {share:.0f} % below the 95 % quantile"
+    ]
+
+
+def _error_lines(right: list[dict]) -> list[str]:
+    """The errors of right poses of one building; nothing without such poses."""
+    if not right:
+        return []
+    texts = []
+    for key, unit in (("degrees", "deg"), ("metres", "m")):
+        median, most = np.percentile([r[key] for r in right], (50, 90))
+        texts.append(f"{median:.2f} and {most:.2f} {unit}")
+    return [f"error of the right poses of one building, median and 90th percentile: {', '.join(texts)}"]
 
 
 def balance(rows: list[dict]) -> tuple[np.ndarray, np.ndarray]:

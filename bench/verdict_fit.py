@@ -33,9 +33,13 @@ def judgement_of(row: dict, *, without_truth: bool = False) -> tuple[Judgement, 
     def column(key: str) -> np.ndarray:
         return np.asarray([one[key] for one in leaders], np.float64)
 
-    information = np.stack(
-        [np.diag([s / 3.0, s / 3.0 + 1.0, s / 3.0 + 1.0]) for s in column("support")]
-    ).reshape(-1, 3, 3) if leaders else np.zeros((0, 3, 3))  # fmt: skip
+    information = (
+        np.stack([np.diag([s / 3.0, s / 3.0 + 1.0, s / 3.0 + 1.0]) for s in column("support")]).reshape(
+            -1, 3, 3
+        )
+        if leaders
+        else np.zeros((0, 3, 3))
+    )
     nothing = np.zeros(len(leaders))
     judged = Judgement(
         column("score"), nothing, nothing, information, column("contradiction"), column("shared")

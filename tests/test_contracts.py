@@ -3,6 +3,7 @@
 import ast
 import importlib
 import inspect
+import pydoc
 import re
 import subprocess
 import sys
@@ -15,6 +16,7 @@ import voxjax
 ROOT = Path(__file__).parent.parent
 SOURCE = ROOT / "src" / "voxjax"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+HOW_IT_WORKS = (ROOT / "docs" / "how-it-works.md").read_text(encoding="utf-8")
 
 NAMES = [
     "read_map", "write_map", "VoxelGrid", "box_count", "classify_voxels", "detect_corners", "Corners",
@@ -116,16 +118,25 @@ def test_the_readme_has_the_two_set_up_commands():
     assert "pytest" in tests
 
 
-def test_functions_that_the_readme_names_exist():
-    names = set(re.findall(r"`voxjax((?:\.\w+)+)`", README))
+def test_the_readme_is_short_and_begins_with_the_picture_and_the_commands():
+    assert len(README.encode()) <= 8192
+    places = [README.index(mark) for mark in ("![", "<!-- setup: demo -->", "<!-- setup: tests -->", "\n## ")]
+    assert places == sorted(places)
+
+
+def test_functions_and_packages_that_the_pages_name_exist():
+    names = set(re.findall(r"`voxjax((?:\.\w+)+)`", README + HOW_IT_WORKS))
     assert len(names) > 10
     for name in names:
-        *modules, function = name.strip(".").split(".")
-        assert callable(getattr(importlib.import_module(".".join(["voxjax", *modules])), function)), name
+        found = pydoc.locate(f"voxjax{name}")
+        assert callable(found) or inspect.ismodule(found), name
 
 
-def test_the_readme_s_python_uses_names_that_exist():
-    for block in re.findall(r"```python\n(.*?)```", README, re.DOTALL):
+@pytest.mark.parametrize("page", [README, HOW_IT_WORKS], ids=["README.md", "how-it-works.md"])
+def test_the_python_of_the_pages_uses_names_that_exist(page):
+    blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    assert blocks
+    for block in blocks:
         for node in ast.walk(ast.parse(block)):
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "vx":
                 assert node.attr in voxjax.__all__

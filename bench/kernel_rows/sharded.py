@@ -71,8 +71,10 @@ def _worker(side: int, devices: int) -> Iterator[Callable[[str], str]]:
     with subprocess.Popen(
         [sys.executable, "-m", "bench.kernel_rows.sharded", str(side)],
         env=os.environ | {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"},
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-    ) as process:  # fmt: skip
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    ) as process:
         assert process.stdin is not None
         assert process.stdout is not None
         send, receive = process.stdin, process.stdout

@@ -16,9 +16,13 @@ from voxjax.registration.judging import conflict_pieces, verdict
 
 def leader(score, support=0.2, contradiction=0.0, *, right=False):
     return {
-        "score": score, "support": support, "contradiction": contradiction, "shared": 1000.0, "conflict": 0.0,
+        "score": score,
+        "support": support,
+        "contradiction": contradiction,
+        "shared": 1000.0,
+        "conflict": 0.0,
         "right": right,
-    }  # fmt: skip
+    }
 
 
 @pytest.mark.parametrize("has_free_space", [True, False])
@@ -91,8 +95,17 @@ def test_bound_of_a_rate_that_was_never_seen():
 
 
 def test_the_table_counts_right_and_wrong_accepts_by_kind():
-    plain = {"confidence": 0.95, "rank": 0, "right": True, "kind": "pair", "degrees": 0.1, "metres": 0.02,
-             "tangent": [0.0] * 6, "covariance": np.eye(6).tolist(), "verdict": "accepted"}  # fmt: skip
+    plain = {
+        "confidence": 0.95,
+        "rank": 0,
+        "right": True,
+        "kind": "pair",
+        "degrees": 0.1,
+        "metres": 0.02,
+        "tangent": [0.0] * 6,
+        "covariance": np.eye(6).tolist(),
+        "verdict": "accepted",
+    }
     wrong = plain | {"right": False, "rank": None, "kind": "hotel"}
     text = "\n".join(summary([plain, plain, wrong]))
     assert "| one building (2) | 2 | 2 | 2 | 0 " in text

@@ -40,9 +40,14 @@ def cloud_folder(tmp_path):
         lines = "".join(f"{x:.6f} {y:.6f} {z:.6f}\n" for x, y, z in points)
         (folder / f"{name}.ply").write_text(header + lines)
     truth = {
-        "kind": "pair", "T_a_b": T_a_b.tolist(), "resolution": 0.1, "rot_tol_deg": 1.5, "trans_tol_m": 0.1,
-        "overlap_b_in_a": 0.9, "overlap_a_in_b": 0.8,
-    }  # fmt: skip
+        "kind": "pair",
+        "T_a_b": T_a_b.tolist(),
+        "resolution": 0.1,
+        "rot_tol_deg": 1.5,
+        "trans_tol_m": 0.1,
+        "overlap_b_in_a": 0.9,
+        "overlap_a_in_b": 0.8,
+    }
     (folder / "truth.json").write_text(json.dumps(truth))
     return tmp_path
 

@@ -36,18 +36,30 @@ def refiner(name, refine):
 
 def accuracy_row(method, metres, degrees, suite="drift-free"):
     return {
-        "suite": suite, "method": method, "num_pairs": 2, "num_poses": 4, "converged": 1.0,
-        "metres": [metres, 2 * metres], "voxels": [10 * metres, 20 * metres], "degrees": [degrees, 2 * degrees],
-        "seconds": [0.1, 0.2], "prepare_seconds": [0.2, 0.3],
-    }  # fmt: skip
+        "suite": suite,
+        "method": method,
+        "num_pairs": 2,
+        "num_poses": 4,
+        "converged": 1.0,
+        "metres": [metres, 2 * metres],
+        "voxels": [10 * metres, 20 * metres],
+        "degrees": [degrees, 2 * degrees],
+        "seconds": [0.1, 0.2],
+        "prepare_seconds": [0.2, 0.3],
+    }
 
 
 def basin_row(method, shares, line="both"):
     steps = np.linspace(0.0, 1.0, len(shares))
     return {
-        "line": line, "method": method, "num_pairs": 2, "num_trials": [10] * len(shares),
-        "metres": (2 * steps).tolist(), "degrees": (30 * steps).tolist(), "converged": shares,
-    }  # fmt: skip
+        "line": line,
+        "method": method,
+        "num_pairs": 2,
+        "num_trials": [10] * len(shares),
+        "metres": (2 * steps).tolist(),
+        "degrees": (30 * steps).tolist(),
+        "converged": shares,
+    }
 
 
 @pytest.mark.parametrize(("metres", "degrees"), [(0.3, 3.0), (0.0, 30.0), (2.0, 0.0), (0.0, 0.0)])

@@ -3,19 +3,18 @@
 import numpy as np
 from jaxtyping import Bool, UInt8
 
-# Seven rows a glyph, one base-32 digit a row: the five bits of the digit are the five pixels, left to right.
-_GLYPHS = {
-    "A": "ehhvhhh", "B": "uhhuhhu", "C": "ehggghe", "D": "uhhhhhu", "E": "vgguggv", "F": "vgguggg",
-    "G": "ehgnhhe", "H": "hhhvhhh", "I": "e44444e", "J": "72222ic", "K": "hikokih", "L": "ggggggv",
-    "M": "hrllhhh", "N": "hhpljhh", "O": "ehhhhhe", "P": "uhhuggg", "Q": "ehhhlid", "R": "uhhukih",
-    "S": "ehge1he", "T": "v444444", "U": "hhhhhhe", "V": "hhhhha4", "W": "hhhllla", "X": "hha4ahh",
-    "Y": "hha4444", "Z": "v1248gv", "0": "ehjlphe", "1": "4c4444e", "2": "eh1248v", "3": "v2421he",
-    "4": "26aiv22", "5": "vgu11he", "6": "68guhhe", "7": "v124888", "8": "ehhehhe", "9": "ehhf12c",
-    " ": "0000000", ".": "00000cc", ",": "0000c48", ":": "0cc0cc0", "-": "000e000", "+": "044v440",
-    "%": "op248j3", "/": "01248g0", "(": "2488842", ")": "8422248", "_": "000000v", "=": "00v0v00",
-    "?": "eh12404", "|": "4444444", "#": "aavavaa", "'": "4400000", "<": "248g842", ">": "8421248",
-    "*": "04lel40",
-}  # fmt: skip
+# One word for each character, one base-32 digit for each of its seven rows: the five bits of a digit are the five
+# pixels of the row, left to right.
+_CHARACTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789 .,:-+%/()_=?|#'<>*"
+_ROWS = """
+    ehhvhhh uhhuhhu ehggghe uhhhhhu vgguggv vgguggg ehgnhhe hhhvhhh e44444e 72222ic
+    hikokih ggggggv hrllhhh hhpljhh ehhhhhe uhhuggg ehhhlid uhhukih ehge1he v444444
+    hhhhhhe hhhhha4 hhhllla hha4ahh hha4444 v1248gv ehjlphe 4c4444e eh1248v v2421he
+    26aiv22 vgu11he 68guhhe v124888 ehhehhe ehhf12c 0000000 00000cc 0000c48 0cc0cc0
+    000e000 044v440 op248j3 01248g0 2488842 8422248 000000v 00v0v00 eh12404 4444444
+    aavavaa 4400000 248g842 8421248 04lel40
+"""
+_GLYPHS = dict(zip(_CHARACTERS, _ROWS.split(), strict=True))
 GLYPH_HEIGHT = 7
 GLYPH_ADVANCE = 6
 

@@ -62,9 +62,12 @@ def page_html(grids: Sequence[VoxelGrid], poses: Sequence[Array | None], fused: 
         server.initial_camera.position = tuple(np.asarray([0.6, 0.6, 0.7]) * reach)
         server.initial_camera.look_at = (0.0, 0.0, 0.0)
         server.scene.add_point_cloud(
-            "/fused", (points - centre).astype(np.float32), colors, point_size=fused.voxel_size,
+            "/fused",
+            (points - centre).astype(np.float32),
+            colors,
+            point_size=fused.voxel_size,
             point_shape="square",
-        )  # fmt: skip
+        )
         return server.scene.as_html()
     finally:
         with contextlib.redirect_stdout(io.StringIO()):
