@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from compilations import assert_compiles_nothing
 from voxjax import InputError, VoxelGrid
 from voxjax.matching import descriptors
 from voxjax.matching.descriptors import describe_map, match_descriptors, working_spacing
@@ -81,14 +82,12 @@ def test_maps_of_ten_sizes_compile_each_kernel_once():
     room = furnished_room()
     first = describe_map(VoxelGrid(room, np.zeros(3, np.float32), 0.1))
     match_descriptors(first.levels[0], first.levels[0])
-    before = [kernel._cache_size() for kernel in KERNELS]  # pyright: ignore[reportAttributeAccessIssue]
-    for k in range(10):
-        grid = VoxelGrid(room[: 55 - 4 * k, : 30 + k, 3 * k // 2 :].copy(), np.zeros(3, np.float32), 0.1)
-        described = describe_map(grid, spacing=0.12)
-        level = described.levels[0]
-        assert len(match_descriptors(level, level)[0]) > 0.5 * len(level.points)
-    after = [kernel._cache_size() for kernel in KERNELS]  # pyright: ignore[reportAttributeAccessIssue]
-    assert after == before
+    with assert_compiles_nothing(*KERNELS):
+        for k in range(10):
+            grid = VoxelGrid(room[: 55 - 4 * k, : 30 + k, 3 * k // 2 :].copy(), np.zeros(3, np.float32), 0.1)
+            described = describe_map(grid, spacing=0.12)
+            level = described.levels[0]
+            assert len(match_descriptors(level, level)[0]) > 0.5 * len(level.points)
 
 
 def test_accelerators_describe_and_match_alike(room, monkeypatch):

@@ -2,6 +2,7 @@ import jax
 import numpy as np
 import pytest
 
+from compilations import assert_compiles_nothing
 from oracles.descriptors import histograms, plane_normal
 from voxjax import InputError
 from voxjax.ops.descriptors import fpfh as descriptor
@@ -140,14 +141,16 @@ def test_nothing_and_one_point_are_described():
 def test_another_number_of_points_compiles_nothing():
     kernels = (descriptor.pair_bins, descriptor.count_bins, descriptor.closeness)
     kernels += descriptor.is_within, descriptor.monomials, descriptor._fit
-    before = None
-    for n in (20, 1000, 333):
+
+    def run(n):
         points, normals = bumpy_patch(1, n=n)
         surface_normals(points, near(points, 0.3), radius=0.3)
         describe(points, normals, radius=0.3)
-        sizes = [kernel._cache_size() for kernel in kernels]  # pyright: ignore[reportAttributeAccessIssue]
-        before = before or sizes
-        assert sizes == before
+
+    run(20)
+    with assert_compiles_nothing(*kernels):
+        run(1000)
+        run(333)
 
 
 def test_numbers_of_bins_out_of_range_are_refused():

@@ -1,29 +1,12 @@
 """How often registration compiles its kernels: maps of ten sizes share them."""
 
 import collections
-import logging
-import re
 
 import jax
-import numpy as np
-import pytest
 
 import voxjax as vx
+from compilations import compilations
 from small_worlds import draw_map, pose
-
-
-@pytest.fixture
-def compiled(caplog):
-    """Names of the functions that JAX compiled since the fixture was asked for, as often as it did."""
-    caplog.set_level(logging.WARNING)
-    # Not `jax.log_compiles()`, which other threads do not know of.
-    jax.config.update("jax_log_compiles", True)
-    yield lambda: collections.Counter(
-        found[1]
-        for record in caplog.records
-        if (found := re.match(r"Compiling (?:jit\()?([\w<>.]+)", record.getMessage()))
-    )
-    jax.config.update("jax_log_compiles", False)
 
 
 def maps_of_ten_sizes():
@@ -35,22 +18,23 @@ def maps_of_ten_sizes():
         yield draw_map(voxel_size=voxel_size), draw_map(T, voxel_size=voxel_size, seen=seen)
 
 
-def test_pairs_of_ten_sizes_compile_each_kernel_at_most_three_times(compiled):
+def test_pairs_of_ten_sizes_compile_each_kernel_at_most_three_times():
     jax.clear_caches()  # what earlier tests compiled would not be counted
     pairs = list(maps_of_ten_sizes())
     assert len({grid.states.shape for pair in pairs for grid in pair}) >= 18
     assert len({grid.num_occupied for pair in pairs for grid in pair}) >= 18
-    accepted, after = 0, []
+    accepted, kernels, news = 0, collections.Counter(), []
     for a, b in pairs:
-        accepted += vx.register(a, b, config={"source": {"thorough": True}}).accepted
-        after.append(sum(compiled().values()))
-    kernels = compiled()
+        with compilations() as found:
+            accepted += vx.register(a, b, config={"source": {"thorough": True}}).accepted
+        kernels += found
+        news.append(found.total())
     assert accepted >= 5
     assert {"solve_pose", "_surface_piece", "_code_piece", "_align_piece", "agreement_matrix"} <= set(kernels)
     too_often = {name: count for name, count in kernels.items() if count > 3 and name not in PRIMITIVES}
     assert not too_often, kernels
-    assert after[0] > 10
-    assert np.diff(after).max() <= 5, f"a pair of another size compiled much: {after}"
+    assert news[0] > 10
+    assert max(news[1:]) <= 5, f"a pair of another size compiled much: {news}"
 
 
 PRIMITIVES = {"convert_element_type", "stage"}

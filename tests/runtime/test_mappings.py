@@ -1,7 +1,8 @@
 import jax
-import jax.numpy as jnp
+import numpy as np
 import pytest
 
+from compilations import assert_compiles_nothing, compilations
 from voxjax._runtime import mappings as _mappings
 from voxjax._runtime.mappings import mappings_in_use, release_kernels_if_crowded
 
@@ -18,11 +19,17 @@ def test_kernels_stay_while_there_is_room(monkeypatch):
 
 def test_kernels_go_when_mappings_run_out_and_come_back_when_called():
     double = jax.jit(lambda x: x * 2)
-    double(jnp.ones(3))
-    assert double._cache_size() == 1  # pyright: ignore[reportAttributeAccessIssue]
+    ones = np.ones(3, np.float32)
+    double(ones)
+    with assert_compiles_nothing(double):
+        double(ones)
     assert release_kernels_if_crowded(max_share=0.0)
-    assert double._cache_size() == 0  # pyright: ignore[reportAttributeAccessIssue]
-    assert float(double(jnp.ones(3)).sum()) == 6.0
+    with compilations() as found:
+        assert np.asarray(double(ones)).sum() == 6.0
+    assert found[double.__name__] == 1
+    release_kernels_if_crowded(max_share=0.0)
+    with pytest.raises(AssertionError, match="compiled inside the block"), assert_compiles_nothing(double):
+        double(ones)
 
 
 def test_mappings_are_counted():
