@@ -1,3 +1,4 @@
+from functools import partial
 from typing import Any
 
 import jax
@@ -8,6 +9,7 @@ import pytest
 from compilations import compilations
 from oracles import surfaces
 from voxjax._checks import InputError
+from voxjax._runtime.pieces import one_by_one, over_pieces
 from voxjax.ops.surface import moments as module
 from voxjax.ops.surface.axes import central_sums
 from voxjax.ops.surface.ball_sums import ball_offsets
@@ -170,7 +172,7 @@ def test_pieces_and_threads_and_the_device_give_the_same_bits(monkeypatch):
     _equal([a[::-1] for a in surface_moments(states, index[::-1])], expected)
     _equal(surface_moments(states, index[7000:7010]), [a[7000:7010] for a in expected])
     monkeypatch.setattr(module, "_PIECE", 4096)
-    monkeypatch.setattr(module, "spread", lambda function, items: [function(item) for item in items])
+    monkeypatch.setattr(module, "over_pieces", partial(over_pieces, run=one_by_one))
     _equal(surface_moments(states, index), expected)
 
 

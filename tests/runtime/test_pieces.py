@@ -7,7 +7,16 @@ import pytest
 
 from voxjax._runtime import pieces
 from voxjax._runtime import threads as _threads
-from voxjax._runtime.pieces import PIECES, POSES, over_poses, sum_over_pieces
+from voxjax._runtime.pieces import (
+    PIECES,
+    POSES,
+    Run,
+    each_piece,
+    one_by_one,
+    over_pieces,
+    over_poses,
+    sum_over_pieces,
+)
 
 
 @pytest.fixture(autouse=True)
@@ -54,3 +63,25 @@ def test_one_piece_under_many_poses_keeps_all_cores_busy() -> None:
 def test_poses_come_back_in_their_order() -> None:
     found = over_poses(lambda poses, _: poses[:, 0, 0], poses_of(1100), least_jobs=5)
     np.testing.assert_array_equal(found, poses_of(1100)[:, 0, 0])
+
+
+@pytest.mark.parametrize("run", [pieces.spread, one_by_one])
+@pytest.mark.parametrize("length", [0, 1, 4, 9])
+def test_rows_of_any_number_go_through_one_shape(run: Run, length: int) -> None:
+    shapes = []
+
+    def kernel(rows: np.ndarray, others: np.ndarray, count: np.int32) -> dict[str, np.ndarray]:
+        shapes.append((rows.shape, others.shape))
+        assert (others[count:] == 7).all()
+        return {"sum": rows.sum(axis=1) + others, "rows": rows}
+
+    lists = [np.arange(2.0 * length).reshape(length, 2), np.arange(length)]
+    found = over_pieces(kernel, lists, size=4, fills=[0, 7], run=run)
+    np.testing.assert_array_equal(found["sum"], lists[0].sum(axis=1) + lists[1])
+    np.testing.assert_array_equal(found["rows"], lists[0])
+    assert set(shapes) == {((4, 2), (4,))}
+
+
+def test_less_than_a_whole_piece_counts_where_cores_would_idle() -> None:
+    counts = each_piece(lambda rows, count: (len(rows), int(count)), [np.arange(5)], size=4, step=2)
+    assert counts == [(4, 2), (4, 2), (4, 1)]

@@ -21,8 +21,8 @@ def wide_bucket_size(count: int, smallest: int) -> int:
     return rung
 
 
-def pad_rows(rows: np.ndarray, size: int, fill: float | int = 0) -> np.ndarray:
-    """Return `rows` with rows of `fill` appended up to `size` rows, same dtype."""
+def pad_rows(rows: np.ndarray, size: int, fill: float | int | np.ndarray = 0) -> np.ndarray:
+    """Return `rows` with rows of `fill` (a number, or one whole row) appended up to `size` rows, same dtype."""
     padded = np.full((size, *rows.shape[1:]), fill, dtype=rows.dtype)
     padded[: len(rows)] = rows
     return padded

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int, Int32
 
 from .._checks import InputError, check_positive
 from .._runtime.buckets import pad_rows, wide_bucket_size
+from .._runtime.pieces import one_by_one, over_pieces
 from .._types import Array
 from ..features.types import Corners
 from .associations import all_associations, check_associations, same_kind
@@ -167,12 +168,13 @@ def _gather(rows: Array, index: np.ndarray, size: int) -> np.ndarray:
 def _keep_edges(adjacency: np.ndarray, agree) -> None:
     """Clear, in place, the edges that `agree` rejects; asks in chunks of one fixed shape."""
     edges = np.argwhere(np.triu(adjacency)).astype(np.int32)
-    for start in range(0, len(edges), _EDGE_CHUNK):
-        chunk = edges[start : start + _EDGE_CHUNK]
-        is_kept = np.asarray(agree(pad_rows(chunk, _EDGE_CHUNK)))[: len(chunk)]
-        i, j = chunk[~is_kept].T
-        adjacency[i, j] = False
-        adjacency[j, i] = False
+    if len(edges) == 0:
+        return
+    # One chunk after the other: what one writes down in between is many times as large as its edges.
+    is_kept = over_pieces(lambda chunk, _: agree(chunk), [edges], size=_EDGE_CHUNK, run=one_by_one)
+    i, j = edges[~is_kept].T
+    adjacency[i, j] = False
+    adjacency[j, i] = False
 
 
 @jax.jit

@@ -13,8 +13,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from ..._checks import InputError
-from ..._runtime.buckets import pad_rows
-from ..._runtime.threads import spread
+from ..._runtime.pieces import over_pieces
 from ..._types import Array
 from ..eigen import eigen_by_columns
 from .items import ItemWork, runs_from_host
@@ -164,12 +163,9 @@ def _fit(sums: Float32[Array, "10 n"]) -> tuple[Float32[Array, "3 n"], Float32[A
 def _fit_pieces(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """`_fit`, always for as many points at once."""
 
-    def run(first: int) -> tuple[np.ndarray, np.ndarray]:
-        piece = sums[:, first : first + _FITS]
-        normals, variation = _fit(pad_rows(piece.T, _FITS).T)
-        return np.asarray(normals)[:, : piece.shape[1]], np.asarray(variation)[: piece.shape[1]]
+    def fit(rows: np.ndarray, _: np.int32) -> tuple[np.ndarray, Array]:
+        normals, variation = _fit(rows.T)
+        return np.asarray(normals).T, variation
 
-    parts = spread(run, range(0, sums.shape[1], _FITS))
-    none = np.zeros((3, 0), np.float32), np.zeros(0, np.float32)
-    normals, variation = zip(none, *parts, strict=True)
-    return np.concatenate(normals, axis=1), np.concatenate(variation)
+    normals, variation = over_pieces(fit, [sums.T], size=_FITS)
+    return normals.T, variation

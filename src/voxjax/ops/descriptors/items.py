@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..._runtime.buckets import pad_rows
+from ..._runtime.pieces import each_piece
 from ..._runtime.tables import on_cpu
 from ..._runtime.threads import spread
 from ..._types import Array
@@ -116,9 +116,8 @@ def _add_pieces(evaluate: Evaluate, near: NearTiles, total: np.ndarray) -> np.nd
     own, others = np.asarray(near.own), np.asarray(near.others)
     empty = near.rows.shape[0] - 1
 
-    def run(first: int) -> tuple[np.ndarray, np.ndarray]:
-        tiles, halves = own[first : first + _ITEMS], others[first : first + _ITEMS]
-        values = np.asarray(evaluate(pad_rows(tiles, _ITEMS), pad_rows(halves, _ITEMS, empty)))
+    def sum_by_tile(tiles: np.ndarray, halves: np.ndarray, count: np.int32) -> tuple[np.ndarray, np.ndarray]:
+        values, tiles = np.asarray(evaluate(tiles, halves)), tiles[:count]
         starts = np.flatnonzero(np.diff(tiles, prepend=-1))
         counts = np.diff(starts, append=len(tiles))
         starts, counts = (rows[np.argsort(-counts, kind="stable")] for rows in (starts, counts))
@@ -129,7 +128,7 @@ def _add_pieces(evaluate: Evaluate, near: NearTiles, total: np.ndarray) -> np.nd
             sums[:having] += values[starts[:having] + k]
         return tiles[starts], sums
 
-    for tiles, sums in spread(run, range(0, len(own), _ITEMS)):
+    for tiles, sums in each_piece(sum_by_tile, [own, others], size=_ITEMS, fills=[0, empty]):
         total[tiles] += sums
     return total
 

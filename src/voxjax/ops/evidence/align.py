@@ -10,7 +10,8 @@ from jaxtyping import Float32, Int32, UInt32
 
 from ... import rigid
 from ..._runtime.materialize import materialized
-from ..._runtime.pieces import over_poses, runs_in_pieces
+from ..._runtime.pieces import over_poses
+from ..._runtime.placement import on_host
 from ..._runtime.programs import kept_program
 from ..._runtime.threads import num_cores
 from ..._types import Array
@@ -60,10 +61,10 @@ def align_poses(
     Returns:
         Refined poses, same order.
     """
-    block = Block(jnp.asarray(dims), jnp.asarray(origin), jnp.asarray(voxel_size, jnp.float32))
+    block = Block.of(dims, origin, voxel_size)
     robust = jnp.asarray(start_distance, jnp.float32), jnp.asarray(final_distance, jnp.float32)
     target = _Target(keys, block, surface, normals)
-    if not runs_in_pieces(target, points, weights, poses, robust):
+    if not on_host(target, points, weights, poses, robust):
         return _align_at_once(target, points, weights, poses, *robust, num_steps, batch_size)
     if len(poses) == 0:
         return jnp.zeros((0, 4, 4), jnp.float32)

@@ -47,7 +47,7 @@ def coarse_spectra(
     """
     axes = [(jnp.arange(n, dtype=jnp.float32) + 0.5) * cell_size for n in cells]
     centres = jnp.stack(jnp.meshgrid(*axes, indexing="ij"), axis=-1) + low[None, None, None, :]
-    code = lookup(codes, Block(dims, origin, voxel_size), centres @ rotation, NOTHING)
+    code = lookup(codes, Block.of(dims, origin, voxel_size), centres @ rotation, NOTHING)
     offer = jnp.where(code == HIT, 1.0, jnp.where(code == CONFLICT, -conflict_weight, 0.0)).astype(
         jnp.float32
     )

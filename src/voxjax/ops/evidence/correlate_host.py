@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Complex64, Float, Float32, UInt8
 from scipy.fft import irfftn, next_fast_len, rfftn
 
+from .lookup import cells_on_host, turned_on_host
 from .scoring import CONFLICT, HIT
 
 PEAK_BLOCK = 4
@@ -56,27 +57,22 @@ def coarse_spectra(
     # Cell centres in voxels of the map: a sum of one vector an axis.
     step = rotation * (cell_size / voxel_size)
     start = ((low + 0.5 * cell_size) @ rotation - origin) / voxel_size
-    flat, is_inside = np.zeros((1, 1, 1), np.int32), np.ones((1, 1, 1), bool)
-    for axis in range(3):
+
+    def place(axis: int) -> np.ndarray:
         x, y, z = ((np.arange(n) * step[i, axis]).astype(np.float32) for i, n in enumerate(box))
-        place = (x[:, None] + (y + np.float32(start[axis]))[None, :])[:, :, None] + z[None, None, :]
-        cell = np.floor(place, out=place).astype(np.int32)
-        # Unsigned: what is below 0 is far above.
-        is_inside = is_inside & (cell.view(np.uint32) < np.uint32(codes.shape[axis]))
-        flat = flat * np.int32(codes.shape[axis]) + cell
-    code = np.take(codes.reshape(-1), np.where(is_inside, flat, 0)) * is_inside
+        return (x[:, None] + (y + np.float32(start[axis]))[None, :])[:, :, None] + z[None, None, :]
+
+    flat, is_inside = cells_on_host(map(place, range(3)), codes.shape)
+    code = np.take(codes.reshape(-1), flat) * is_inside
     values = np.zeros(4, np.float32)
     values[HIT], values[CONFLICT] = 1.0, -conflict_weight
     offer = np.take(values, code)
 
     turn, shift = (rotation / cell_size).astype(np.float32), (low / cell_size).astype(np.float32)
     flat = np.zeros(1, np.int32)
-    for axis in range(3):
-        place = turn[axis, 0] * columns[0]
-        place += turn[axis, 1] * columns[1]
-        place += turn[axis, 2] * columns[2]
-        place -= shift[axis]
-        flat = flat * np.int32(box[axis]) + np.clip(place, 0, box[axis] - 1, out=place).astype(np.int32)
+    for axis, places in enumerate(turned_on_host(turn, columns)):
+        places -= shift[axis]
+        flat = flat * np.int32(box[axis]) + np.clip(places, 0, box[axis] - 1, out=places).astype(np.int32)
     ask = np.bincount(flat, weights, minlength=int(np.prod(box))).astype(np.float32).reshape(box)
     return np.asarray(rfftn(offer, s=cells)), np.asarray(rfftn(ask, s=cells))
 

@@ -3,7 +3,7 @@
 Points go by columns, one array for each of x, y and z: arrays whose last axis is 3 run ten times slower on a CPU.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -26,6 +26,11 @@ class Block(NamedTuple):
     origin: Float32[Array, "3"]
     voxel_size: Float32[Array, ""]
 
+    @classmethod
+    def of(cls, dims: Array, origin: Array, voxel_size: Array | np.generic | float) -> "Block":
+        """A block from what a caller of a kernel gives: NumPy arrays and numbers serve as well as device arrays."""
+        return cls(jnp.asarray(dims), jnp.asarray(origin), jnp.asarray(voxel_size, jnp.float32))
+
     def cells_under(self, T: Array, columns: Array) -> tuple[Array, Array]:
         """Cells of points (as rows x, y and z) under a pose, and whether they lie inside."""
         rotation, shift = T[:3, :3] / self.voxel_size, (T[:3, 3] - self.origin) / self.voxel_size
@@ -46,6 +51,34 @@ def lookup(field: Array, block: Block, points: Float32[Array, "*n 3"], outside: 
     """Value of a flat field at points [m]; `outside` beyond the block."""
     places = [(points[..., axis] - block.origin[axis]) / block.voxel_size for axis in range(3)]
     return values_at(field, *block.cells_at(places), outside)
+
+
+def cells_on_host(places: Iterable[np.ndarray], shape: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """`Block.cells_at` in NumPy, for arrays of any length and shape.
+
+    Args:
+        places: Float32 x, y and z [voxel] from the outer corner of the block; they are rounded down in place.
+        shape: Size of the block [voxel].
+
+    Returns:
+        Flat cells int32, 0 beyond the block, and whether they lie inside.
+    """
+    flat, is_inside = np.int32(0), np.True_
+    for place, size in zip(places, shape, strict=True):
+        cell = np.floor(place, out=place).astype(np.int32)
+        # Unsigned: what is below 0 is far above.
+        is_inside = is_inside & (cell.view(np.uint32) < np.uint32(size))
+        flat = flat * np.int32(size) + cell
+    return np.where(is_inside, flat, 0), is_inside
+
+
+def turned_on_host(rotation: np.ndarray, columns: np.ndarray) -> Iterator[np.ndarray]:
+    """`turn_columns` in NumPy, one axis after the other, so that no more than one array is held."""
+    for row in rotation:
+        place = row[0] * columns[0]
+        place += row[1] * columns[1]
+        place += row[2] * columns[2]
+        yield place
 
 
 def entries(field: Array, row: Array) -> Array:

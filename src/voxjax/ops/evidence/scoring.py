@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int32, UInt8, UInt32
 
 from ..._runtime.materialize import materialized
-from ..._runtime.pieces import PIECES, runs_in_pieces, sum_over_pieces
+from ..._runtime.pieces import PIECES, sum_over_pieces
+from ..._runtime.placement import on_host
 from ..._runtime.programs import kept_program
 from ..._types import FREE, Array
 from .lookup import Block, entries, row_entries, turn_columns, values_at
@@ -177,7 +178,7 @@ def _sums_at_once(field: SurfaceField | CodeField, lists: tuple, poses: Array, b
 
 
 def _sums(field: SurfaceField | CodeField, lists: tuple, poses: Array, batch_size: int) -> Array:
-    if not runs_in_pieces(field, lists, poses) or not (len(poses) and len(lists[0])):
+    if not on_host(field, lists, poses) or not (len(poses) and len(lists[0])):
         return _sums_at_once(field, lists, poses, batch_size)
     held = jax.device_put(field)
     kernel, most = (
@@ -231,7 +232,7 @@ def surface_evidence(
         Sums of the weights that hit, conflict, are undecided, and meet a surface facing the other way; and the
         information of the hits, the weighted sum of `n n^T` in the frame of the block.
     """
-    block = Block(jnp.asarray(dims), jnp.asarray(origin), jnp.asarray(voxel_size, jnp.float32))
+    block = Block.of(dims, origin, voxel_size)
     field = SurfaceField(codes, keys, block, surface_normals, jnp.asarray(is_signed, jnp.bool_))
     sums = _sums(field, (points, normals, weights), poses, batch_size)
     information = sums[:, np.asarray([4, 5, 6, 5, 7, 8, 6, 8, 9])].reshape(-1, 3, 3)
@@ -264,5 +265,5 @@ def score_poses(
     Returns:
         For each pose the sums of the weights that hit, conflict, and are known but undecided.
     """
-    block = Block(jnp.asarray(dims), jnp.asarray(origin), jnp.asarray(voxel_size, jnp.float32))
+    block = Block.of(dims, origin, voxel_size)
     return jax.device_put(_sums(CodeField(codes, block), (points, weights), poses, batch_size))

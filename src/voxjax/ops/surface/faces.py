@@ -14,9 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32, Int32, UInt8
 
-from ..._runtime.buckets import pad_rows
+from ..._runtime.pieces import over_pieces
 from ..._runtime.tables import as_table, table_lengths
-from ..._runtime.threads import spread
 from ..._types import FREE, OCCUPIED, Array
 
 OCTANT_SIGNS = np.asarray([[1 - 2 * ((o >> i) & 1) for i in range(3)] for o in range(8)], np.int32)
@@ -97,15 +96,11 @@ def _faces_in_groups(
     """Any number of candidates on a block of any size, compiling nothing new."""
     table = jax.device_put(as_table(flat, table_lengths(flat.size, 0)[0]))
 
-    def look(start: int) -> list[np.ndarray]:
-        some = slice(start, start + _GROUP)
-        count = len(position[some])
-        filled = np.broadcast_to(np.eye(3, dtype=np.float32), (_GROUP, 3, 3)).copy()
-        filled[:count] = normals[some]
-        return [np.asarray(a)[:count] for a in run(table, shape, pad_rows(position[some], _GROUP), filled)]
+    def look(some: np.ndarray, planes: np.ndarray, _: np.int32) -> CornerFaces:
+        return run(table, shape, some, planes)
 
-    groups = spread(look, range(0, max(len(position), 1), _GROUP))
-    return CornerFaces(*(np.concatenate(part) for part in zip(*groups, strict=True)))
+    fills = [0.0, np.eye(3, dtype=np.float32)]
+    return over_pieces(look, [position, normals], size=_GROUP, fills=fills)
 
 
 @partial(jax.jit, static_argnames=("first", "last"))

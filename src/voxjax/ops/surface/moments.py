@@ -13,11 +13,10 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int32, UInt8
 
 from ..._checks import InputError, check_odd_window
-from ..._runtime.buckets import pad_rows
 from ..._runtime.materialize import materialized
+from ..._runtime.pieces import over_pieces
 from ..._runtime.programs import kept_program
 from ..._runtime.tables import on_cpu
-from ..._runtime.threads import spread
 from ..._types import Array
 from .axes import central_sums, free_distances, principal_axes, steps_along, surface_normal
 from .ball_sums import window_sums
@@ -51,17 +50,6 @@ class SurfaceMoments(NamedTuple):
     has_free: Bool[Array, "n"]
     offset: Float32[Array, "n"]
     free_distance: UInt8[Array, "n 2"]
-
-
-_ROWS = (
-    ((3,), np.float32),
-    ((), np.float32),
-    ((), np.int32),
-    ((), np.bool_),
-    ((), np.float32),
-    ((2,), np.uint8),
-)
-"""Shape of a row and dtype of each of the `SurfaceMoments`."""
 
 
 def surface_moments(
@@ -105,20 +93,14 @@ def _by_pieces(
         jax.ensure_compile_time_eval()
     ):  # constants of a function that is being traced are values all the same
         packed = packed._replace(words=jax.device_put(packed.words))
-    sides, length = np.asarray(states.shape, np.uint32), _piece_length()
-    found = [np.empty((len(index), *row), dtype) for row, dtype in _ROWS]
+    sides = np.asarray(states.shape, np.uint32)
 
-    def fill(start: int) -> None:
-        rows = index[start : start + length]
-        if (rows.view(np.uint32) >= sides).any():  # negative ones are large as such
+    def moments(rows: np.ndarray, count: np.int32) -> SurfaceMoments:
+        if (rows[:count].view(np.uint32) >= sides).any():  # negative ones are large as such
             raise InputError(f"index must hold voxels inside the grid of {states.shape} voxels.")
-        piece = rows if len(rows) == length else pad_rows(rows, length)
-        done = _moments_of_piece(packed, piece, size=size, reach=reach)
-        for target, values in zip(found, done, strict=True):
-            target[start : start + len(rows)] = np.asarray(values)[: len(rows)]
+        return _moments_of_piece(packed, rows, size=size, reach=reach)
 
-    spread(fill, range(0, len(index), length))
-    return SurfaceMoments(*found)
+    return over_pieces(moments, [index], size=_piece_length())
 
 
 @partial(jax.jit, static_argnames=("size", "reach"))

@@ -1,6 +1,6 @@
 """Refinement from many starts: they are led to their basins on few points, and those that meet go on as one."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
@@ -8,7 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..._runtime.buckets import pad_rows
+from ..._runtime.pieces import over_pieces
 from ..._runtime.threads import num_cores, spread
 from ..._types import Array
 from ..solve.pose import RefinedPose, find_basins, problem_costs, solve_pose
@@ -63,16 +63,11 @@ def _grouped(kernel: Callable[..., Any], problem: PoseProblem, poses: np.ndarray
     """What a kernel of a group of poses gives for any number of them: a part on each core, as host arrays."""
     group = min(-(-len(poses) // num_cores()), GROUP)
 
-    def run(first: int) -> list[np.ndarray]:
-        some = poses[first : first + group]
-        found = kernel(problem, pad_rows(some, GROUP), np.int32(len(some)))
-        return [np.asarray(rows)[: len(some)] for rows in jax.tree.leaves(found)]
-
-    parts = spread_solves(run, list(range(0, len(poses), group)))
-    return [np.concatenate(rows) for rows in zip(*parts, strict=True)]
+    found = over_pieces(partial(kernel, problem), [poses], size=GROUP, step=group, run=spread_solves)
+    return jax.tree.leaves(found)
 
 
-def spread_solves(function: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
+def spread_solves(function: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
     """`spread` of solves, with the precision that the caller has set: JAX keeps it for each thread."""
     is_double = bool(jax.config.read("jax_enable_x64"))
 

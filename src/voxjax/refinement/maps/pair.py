@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._checks import InputError
+from ..._runtime.placement import to_device
 from ...maps.prepared import PreparedMap
 from ..residuals.distance import Distances
 from ..residuals.losses import Loss
@@ -101,7 +102,7 @@ def _term(kind: str, target: Target, points: Points, is_inverse: bool, *, share:
     if kind == "distances":
         assert target.distances is not None
         return Distances(target.distances, sample, loss, is_inverse)
-    is_signed = jax.device_put(np.bool_(target.has_free_space and points.has_free_space))
+    is_signed = to_device(np.bool_(target.has_free_space and points.has_free_space))
     surface = target.surface._replace(is_signed=is_signed)
     return Planes(surface, sample, np.asarray(SLIDE_WEIGHT, surface.points.dtype), loss, is_inverse)
 

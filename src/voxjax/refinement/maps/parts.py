@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ..._runtime.placement import to_device
 from ..._types import FREE, OCCUPIED, Array
 from ...maps.prepared import sample_rows
 from ...ops.evidence.nearest import split_keys
@@ -79,7 +80,7 @@ def surface_of(view: MapView, *, is_signed: bool) -> Surface:
         points=view.anchors,
         normals=view.normals,
         planarity=view.planarity,
-        is_signed=jax.device_put(np.bool_(is_signed)),
+        is_signed=to_device(np.bool_(is_signed)),
         trust=view.occupancy,
     )
 

@@ -8,7 +8,7 @@ from jaxtyping import Float32, Int32
 
 from ..._checks import InputError
 from ..._runtime.buckets import pad_rows, wide_bucket_size
-from ..._runtime.threads import spread
+from ..._runtime.pieces import over_pieces
 from ..._types import Array
 from ...matching.descriptors import DescriptorLevel, MapDescriptors, match_descriptors
 from ...ops.descriptors.consensus import (
@@ -189,12 +189,7 @@ def _normal_weight(matches: Matches) -> np.float32:
 
 def _in_groups(function: Callable[[np.ndarray], Array], rows: np.ndarray) -> np.ndarray:
     """A function of 64 rows applied to any number of them, side by side."""
-
-    def run(start: int) -> np.ndarray:
-        some = rows[start : start + _GROUP]
-        return np.asarray(function(pad_rows(some, _GROUP)))[: len(some)]
-
-    return np.concatenate(spread(run, range(0, max(len(rows), 1), _GROUP)))
+    return over_pieces(lambda some, _: function(some), [rows], size=_GROUP)
 
 
 def _count_places(explained: np.ndarray, matches: Matches) -> np.ndarray:

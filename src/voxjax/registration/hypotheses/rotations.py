@@ -11,9 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32
 
-from ..._runtime.buckets import pad_rows
+from ..._runtime.pieces import over_pieces
 from ..._runtime.programs import kept_program
-from ..._runtime.threads import spread
 from ..._types import Array
 
 NUM_SAMPLES = 512
@@ -224,14 +223,10 @@ def rotation_hypotheses(
 def _sharpen(
     samples_a: np.ndarray, samples_b: np.ndarray, rotations: np.ndarray, is_signed: bool, num_steps: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """`sharpen_rotations`, in groups of one size, side by side."""
+    """`sharpen_rotations` of any number of rotations, in groups of one size, side by side."""
 
-    def run(first: int) -> tuple[np.ndarray, np.ndarray]:
-        some = rotations[first : first + _GROUP].astype(np.float32)
-        sharp, agreement = sharpen_rotations(
-            samples_a, samples_b, pad_rows(some, _GROUP), np.int32(len(some)), is_signed, num_steps=num_steps
-        )
-        return np.asarray(sharp)[: len(some)], np.asarray(agreement, np.float64)[: len(some)]
+    def sharpen(some: np.ndarray, count: np.int32) -> tuple[Array, Array]:
+        return sharpen_rotations(samples_a, samples_b, some, count, is_signed, num_steps=num_steps)
 
-    sharp, agreement = zip(*spread(run, range(0, len(rotations), _GROUP)), strict=True)
-    return np.concatenate(sharp), np.concatenate(agreement)
+    sharp, agreement = over_pieces(sharpen, [rotations.astype(np.float32)], size=_GROUP)
+    return sharp, agreement.astype(np.float64)

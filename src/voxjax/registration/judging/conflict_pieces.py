@@ -9,6 +9,7 @@ from scipy import ndimage
 
 from ..._runtime.threads import spread
 from ...maps.prepared import PreparedMap
+from ...ops.evidence.lookup import cells_on_host, turned_on_host
 from ...ops.evidence.scoring import CONFLICT, HIT
 from ..hypotheses.ranking import inverse_poses
 from .leaders import Judgement, Leaders
@@ -49,18 +50,10 @@ def _codes_at(target: PreparedMap, points: np.ndarray, T: np.ndarray) -> np.ndar
     voxel = target.grid.voxel_size
     turn = (T[:3, :3].astype(np.float64) / voxel).astype(np.float32)
     shift = ((T[:3, 3].astype(np.float64) - target.grid.origin) / voxel).astype(np.float32)
-    columns = np.ascontiguousarray(points.T)
-    flat, is_inside = np.int32(0), np.True_
-    for axis, size in enumerate(target.grid.states.shape):
-        place = turn[axis, 0] * columns[0]
-        place += turn[axis, 1] * columns[1]
-        place += turn[axis, 2] * columns[2]
-        place += shift[axis]
-        cell = np.floor(place, out=place).astype(np.int32)
-        # Unsigned: what is below 0 is far above.
-        is_inside = is_inside & (cell.view(np.uint32) < np.uint32(size))
-        flat = flat * np.int32(size) + cell
-    return np.take(np.asarray(target.codes), np.where(is_inside, flat, 0)) * is_inside
+    turned = turned_on_host(turn, np.ascontiguousarray(points.T))
+    places = (np.add(place, shift[axis], out=place) for axis, place in enumerate(turned))
+    cell, is_inside = cells_on_host(places, target.grid.states.shape)
+    return np.take(np.asarray(target.codes), cell) * is_inside
 
 
 def _in_pieces(other: PreparedMap, points: np.ndarray) -> int:

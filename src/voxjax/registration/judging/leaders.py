@@ -2,10 +2,10 @@
 
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Float
 
+from ..._runtime.placement import to_device
 from ...maps.prepared import PreparedMap, sample_rows
 from ...ops.evidence.align import align_poses
 from ...ops.evidence.scoring import surface_evidence
@@ -62,7 +62,7 @@ def judge_poses(
         is_coarse: Judge at the tolerance of unrefined poses.
     """
     T = poses.astype(np.float32)
-    is_signed = jax.device_put(np.bool_(a.has_free_space and b.has_free_space))
+    is_signed = to_device(np.bool_(a.has_free_space and b.has_free_space))
     sums, information = [], []
     for target, other, direction in ((a, b, T), (b, a, inverse_poses(T))):
         # On the host: each new shape of a map would compile a lookup here.
@@ -107,7 +107,7 @@ def refine_poses(
     rows = sample_rows(b, num_points)
     weights = np.full(num_points, 1.0 / num_points, np.float32)
     points = np.asarray(b.points)[rows]
-    scales = jax.device_put((np.float32(start_distance), np.float32(final_distance)))
+    scales = to_device((np.float32(start_distance), np.float32(final_distance)))
     refined = align_poses(
         a.keys, *a.block, a.points, a.normals, points, weights, poses.astype(np.float32),
         num_steps=num_steps,
