@@ -55,7 +55,7 @@ def page_html(grids: Sequence[VoxelGrid], poses: Sequence[Array | None], fused: 
     colors = tint_by_height(colors, index[is_shown, 2].astype(np.float64))
     centre = points.mean(axis=0, dtype=np.float64) if len(points) else np.zeros(3)
     reach = float(np.ptp(points, axis=0).max()) if len(points) else 1.0
-    with contextlib.redirect_stdout(io.StringIO()):  # it prints a banner
+    with contextlib.redirect_stdout(io.StringIO()):  # viser prints a banner
         server = viser.ViserServer(host="127.0.0.1", port=_free_port(), verbose=False)
     try:
         server.scene.set_up_direction("+z")

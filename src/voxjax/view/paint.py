@@ -8,12 +8,6 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from .colors import BACKGROUND, FREE_TINT
 
-_FACE_LIGHT = np.asarray([1.0, 0.80, 0.62])  # top, left, right
-_MAX_PIXELS = 24_000_000
-_MAX_SHRINK, _MAX_ENLARGE = 32, 16
-_BORDER = 5
-"""Free space shown around what is occupied, from above [voxel]."""
-
 
 def ceiling_cut(is_occupied: Bool[np.ndarray, "x y z"], *, share: float = 0.7) -> int:
     """Height [voxel] above which a closed building is cut open; the number of layers if it has no ceiling.
@@ -62,7 +56,8 @@ def paint_isometric(
     rank, face = owner[is_hit] // 3, owner[is_hit] % 3
     depth = np.full(big, np.nan)
     depth[is_hit] = index[order].sum(axis=1, dtype=np.int64)[rank]
-    shade = _FACE_LIGHT[face] * _edge_shade(depth)[is_hit]
+    face_light = np.asarray([1.0, 0.80, 0.62])  # top, left, right
+    shade = face_light[face] * _edge_shade(depth)[is_hit]
     picture = np.full((*big, 3), 255.0, np.float32)
     picture[is_hit] = color[order][rank] * shade[:, None]
     return _centred(_shrink(picture, factor), width, height)
@@ -75,17 +70,19 @@ def paint_top(
     *,
     width: int,
     height: int,
+    border: int = 5,
 ) -> UInt8[np.ndarray, "height width 3"]:
     """Draw a map from above, x to the right and y up: the topmost occupied voxel of each column.
 
     Columns with free voxels only get a light tint, unknown ones stay white.
 
     Args:
-        is_occupied: What is drawn; cut a ceiling off before.
-        is_free: Free voxels.
+        is_occupied: Whether a voxel is drawn; a ceiling hides the rooms unless it was cut off before.
+        is_free: Whether a voxel is free.
         color: The colour of each column where something is occupied.
         width: Width of the picture [pixel].
         height: Height of the picture [pixel].
+        border: Free space shown around what is occupied [voxel].
     """
     has_wall = is_occupied.any(axis=2)
     top = is_occupied.shape[2] - 1 - np.argmax(is_occupied[:, :, ::-1], axis=2)
@@ -98,7 +95,7 @@ def paint_top(
     known = np.argwhere(has_wall if has_wall.any() else is_free.any(axis=2))
     if not len(known):
         return np.full((height, width, 3), BACKGROUND, np.uint8)
-    low, high = np.maximum(known.min(axis=0) - _BORDER, 0), known.max(axis=0) + 1 + _BORDER
+    low, high = np.maximum(known.min(axis=0) - border, 0), known.max(axis=0) + 1 + border
     picture = picture[low[0] : high[0], low[1] : high[1]].transpose(1, 0, 2)[::-1]
     zoom, factor = _best_scale((float(picture.shape[1]), float(picture.shape[0])), width, height)
     picture = picture.repeat(zoom, axis=0).repeat(zoom, axis=1)
@@ -106,20 +103,27 @@ def paint_top(
 
 
 def _best_scale(spans: tuple[float, float], width: int, height: int) -> tuple[int, int]:
-    """The whole factors (enlarge, shrink) that fill the picture best, at a bearable cost."""
-    best = (1, _MAX_SHRINK)
-    for shrink in range(2, _MAX_SHRINK + 1):
-        enlarge = min(int(min(width * shrink / spans[0], height * shrink / spans[1])), _MAX_ENLARGE)
-        is_small = spans[0] * spans[1] * enlarge * enlarge <= _MAX_PIXELS
+    """Return the whole factors (enlarge, shrink) that fill the picture best, at a bearable cost.
+
+    Args:
+        spans: Extents (across, down) of what is drawn, in units of the drawing.
+        width: Width of the picture [pixel].
+        height: Height of the picture [pixel].
+    """
+    most_pixels, most_shrink, most_enlarge = 24_000_000, 32, 16
+    best = (1, most_shrink)
+    for shrink in range(2, most_shrink + 1):
+        enlarge = min(int(min(width * shrink / spans[0], height * shrink / spans[1])), most_enlarge)
+        is_small = spans[0] * spans[1] * enlarge * enlarge <= most_pixels
         if enlarge >= 1 and is_small and enlarge * best[1] > best[0] * shrink:
             best = (enlarge, shrink)
-        if best[0] >= 5 or (shrink >= 4 and best[1] < _MAX_SHRINK):
+        if best[0] >= 5 or (shrink >= 4 and best[1] < most_shrink):
             break  # finer steps would not be seen
     return best
 
 
 def _cube_stamp(half: int) -> list[tuple[int, int, int]]:
-    """Pixels (dx, dy) of one cube relative to its top corner, and what each shows: 0 top, 1 left, 2 right."""
+    """Return pixels (dx, dy) of a cube from its top corner, and the face each shows: 0 top, 1 left, 2 right."""
     stamp = []
     for dy in range(4 * half):
         for dx in range(-2 * half, 2 * half):

@@ -9,17 +9,13 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from .._types import FREE, OCCUPIED, Array
-from .colors import BACKGROUND, INK, SHARED_COLOR, color_by_height, map_color, tint_by_height
-from .font import write_text
+from .colors import SHARED_COLOR, color_by_height, map_color, tint_by_height
 from .paint import ceiling_cut, paint_isometric, paint_top
+from .panels import Image, framed, legend, rows, stack, titled, trimmed
 from .png import encode_png
 
 if TYPE_CHECKING:
     from ..grid import VoxelGrid
-
-Image = UInt8[np.ndarray, "_ _ 3"]
-_MARGIN = 24
-_TITLE = 34
 
 
 def draw_grid(
@@ -39,7 +35,7 @@ def draw_grid(
         height: Height [pixel].
         color: None colours by height; one colour, or one for each of `grid.occupied_index()`, is tinted.
         view: "isometric" or "top".
-        cut_ceiling: Take the upper part of closed buildings off, so that the rooms are seen.
+        cut_ceiling: Whether the upper part of closed buildings is taken off, so that the rooms are seen.
     """
     states = np.asarray(grid.states)
     is_occupied = states == OCCUPIED
@@ -57,9 +53,9 @@ def draw_grid(
         return paint_isometric(index, shown, width=width, height=height)
     column_color = np.full((*states.shape[:2], 3), 255, np.uint8)
     rising = np.argsort(index[:, 2], kind="stable")
-    for layer in np.split(
-        rising, np.flatnonzero(np.diff(index[rising, 2])) + 1
-    ):  # the topmost is written last
+    begins = np.flatnonzero(np.diff(index[rising, 2])) + 1
+    # Each layer overwrites those below it, so that a column ends up with the colour of its topmost voxel.
+    for layer in np.split(rising, begins):
         column_color[index[layer, 0], index[layer, 1]] = shown[layer]
     below = np.arange(states.shape[2]) < cut
     return paint_top(is_occupied & below, (states == FREE) & below, column_color, width=width, height=height)
@@ -68,7 +64,7 @@ def draw_grid(
 def seen_by(
     grids: Sequence[VoxelGrid], poses: Sequence[Array | None], fused: VoxelGrid
 ) -> Bool[np.ndarray, "maps n"]:
-    """Which maps have something occupied within one voxel of each occupied voxel of the fused map.
+    """Find which maps have something occupied within one voxel of each occupied voxel of the fused map.
 
     Args:
         grids: The maps.
@@ -79,12 +75,12 @@ def seen_by(
         One row a map, one column for each of `fused.occupied_index()`.
     """
     points = fused.occupied_points().astype(np.float64)
-    rows = np.zeros((len(grids), len(points)), bool)
-    for row, grid, pose in zip(rows, grids, poses, strict=True):
+    is_seen = np.zeros((len(grids), len(points)), bool)
+    for row, grid, pose in zip(is_seen, grids, poses, strict=True):
         if pose is not None:
             T = np.asarray(pose, np.float64)
             row[:] = _is_near_occupied(grid, (points - T[:3, 3]) @ T[:3, :3])
-    return rows
+    return is_seen
 
 
 def share_colors(is_seen: Bool[np.ndarray, "maps n"]) -> UInt8[np.ndarray, "n 3"]:
@@ -105,8 +101,8 @@ def draw_maps(
         title = f"{names[number] if names else f'map {number}'}   {grid.num_occupied:,} occupied voxels"
         isometric = draw_grid(grid, cut_ceiling=cut_ceiling)
         from_above = draw_grid(grid, view="top", height=420, cut_ceiling=cut_ceiling)
-        panels.append(_stack([_titled(isometric, title), from_above]))
-    return _frame(_rows(panels, per_row=2))
+        panels.append(stack([titled(isometric, title), from_above]))
+    return framed(rows(panels, per_row=2))
 
 
 def draw_merge(
@@ -128,31 +124,56 @@ def draw_merge(
         uint8 (height, width, 3).
     """
     labels = list(names) if names else [f"map {number}" for number in range(len(grids))]
+    is_used = [pose is not None for pose in poses]
+    width = 1500
+    entries = [(f"only {labels[n]}", map_color(n)) for n, used in enumerate(is_used) if used]
+    return framed(
+        stack(
+            [
+                _maps_in_their_frames(grids, labels, is_used, width),
+                _fused_views(fused, share_colors(seen_by(grids, poses, fused)), width),
+                legend([*entries, ("two or more", SHARED_COLOR)], width),
+            ]
+        )
+    )
+
+
+def _maps_in_their_frames(
+    grids: Sequence[VoxelGrid], labels: Sequence[str], is_used: Sequence[bool], width: int
+) -> Image:
+    """Each map in its colour, in isometric view and below it from above, side by side."""
     columns = min(max(len(grids), 2), 4)
-    sheet_width = 1500
-    small = sheet_width // columns
-    panels = []
-    for number, grid in enumerate(grids):
-        left_out = "" if poses[number] is not None else "  (fits none, left out)"
+    across = width // columns
+    blocks = []
+    for start in range(0, len(grids), columns):
+        numbers = range(start, min(start + columns, len(grids)))
         views = [
-            draw_grid(grid, width=small, height=small * 2 // 3, color=map_color(number), view=view)
+            trimmed(
+                [
+                    draw_grid(grids[n], width=across, height=across * 2 // 3, color=map_color(n), view=view)
+                    for n in numbers
+                ]
+            )
             for view in ("isometric", "top")
         ]
-        title = f"{labels[number]}{left_out}"
-        panels.append(_stack([_titled(views[0], title, map_color(number)), views[1]]))
-    colors = share_colors(seen_by(grids, poses, fused))
-    half = sheet_width // 2
-    fused_panels = [
-        _titled(draw_grid(fused, width=width, height=640, color=colors, view=view), title)
-        for width, view, title in (
-            (half, "isometric", f"fused   {fused.num_occupied:,} occupied voxels"),
-            (sheet_width - half, "top", "fused, from above"),
-        )
-    ]
-    legend = _legend(
-        [*((label, map_color(n)) for n, label in enumerate(labels) if poses[n] is not None)], sheet_width
+        for n, isometric, from_above in zip(numbers, *views, strict=True):
+            note = "in its own frame" if is_used[n] else "fits none, left out"
+            title = f"{labels[n]}: {note}"
+            blocks.append(stack([titled(isometric, title, map_color(n)), from_above]))
+    return rows(blocks, per_row=columns)
+
+
+def _fused_views(fused: VoxelGrid, colors: UInt8[np.ndarray, "n 3"], width: int) -> Image:
+    """The fused map in isometric view and, beside it, from above."""
+    left = width // 2
+    isometric, from_above = trimmed(
+        [
+            draw_grid(fused, width=left, height=620, color=colors),
+            draw_grid(fused, width=width - left, height=620, color=colors, view="top"),
+        ]
     )
-    return _frame(_stack([_rows(panels, per_row=columns), _rows(fused_panels, per_row=2), legend]))
+    title = f"fused, in one frame: {fused.num_occupied:,} occupied voxels"
+    return rows([titled(isometric, title), titled(from_above, "the same from above")], per_row=2)
 
 
 def grid_png(grid: VoxelGrid, *, width: int = 640, height: int = 440) -> bytes:
@@ -161,7 +182,7 @@ def grid_png(grid: VoxelGrid, *, width: int = 640, height: int = 440) -> bytes:
 
 
 def _is_near_occupied(grid: VoxelGrid, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-    """Whether the voxel of each point [m], or one of its 26 neighbours, is occupied."""
+    """Return whether the voxel of each point [m], or one of the 26 voxels around it, is occupied."""
     padded = np.pad(np.asarray(grid.states) == OCCUPIED, 2)  # the outermost layer catches what lies outside
     cells = np.floor((points - np.asarray(grid.origin, np.float64)) / grid.voxel_size)
     cells = np.clip(cells + 2, 0, np.asarray(padded.shape) - 1).astype(np.int64)
@@ -170,52 +191,3 @@ def _is_near_occupied(grid: VoxelGrid, points: Float[np.ndarray, "n 3"]) -> Bool
         x, y, z = np.clip(cells + np.asarray(step) - 1, 0, np.asarray(padded.shape) - 1).T
         near |= padded[x, y, z]
     return near
-
-
-def _titled(image: Image, title: str, color: tuple[int, int, int] = INK) -> Image:
-    """`image` below a line of text."""
-    line = np.full((_TITLE, image.shape[1], 3), BACKGROUND, np.uint8)
-    longest = (image.shape[1] - 16) // 12
-    write_text(
-        line, title if len(title) <= longest else title[: longest - 2] + "..", left=8, top=10, color=color
-    )
-    return np.concatenate([line, image])
-
-
-def _legend(entries: Sequence[tuple[str, tuple[int, int, int]]], width: int) -> Image:
-    """One line of coloured squares with their meanings."""
-    line = np.full((_TITLE + 8, width, 3), BACKGROUND, np.uint8)
-    left = 8
-    for label, color in [*((f"only {name}", c) for name, c in entries), ("two or more", SHARED_COLOR)]:
-        line[10:28, left : left + 18] = color
-        write_text(line, label, left=left + 28, top=12)
-        left += 28 + 12 * len(label) + 30
-    return line
-
-
-def _stack(images: Sequence[Image]) -> Image:
-    """Images of any width one below the other."""
-    width = max(image.shape[1] for image in images)
-    return np.concatenate([_padded(image, image.shape[0], width) for image in images])
-
-
-def _rows(images: Sequence[Image], *, per_row: int) -> Image:
-    """Images side by side, `per_row` in each row."""
-    rows = []
-    for start in range(0, len(images), per_row):
-        row = images[start : start + per_row]
-        height = max(image.shape[0] for image in row)
-        rows.append(np.concatenate([_padded(image, height, image.shape[1]) for image in row], axis=1))
-    return _stack(rows)
-
-
-def _padded(image: Image, height: int, width: int) -> Image:
-    """`image` in the upper left of a background of that size."""
-    canvas = np.full((height, width, 3), BACKGROUND, np.uint8)
-    canvas[: image.shape[0], : image.shape[1]] = image
-    return canvas
-
-
-def _frame(image: Image) -> Image:
-    """`image` with a margin on all sides."""
-    return np.pad(image, ((_MARGIN, _MARGIN), (_MARGIN, _MARGIN), (0, 0)), constant_values=255)
