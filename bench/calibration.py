@@ -27,7 +27,8 @@ from bench.reliability import draw, summary
 from bench.timing import setting
 from voxjax.metrics import pose_error
 from voxjax.pipeline.config import Config
-from voxjax.pipeline.pair import prepare, register_prepared, working_voxel_size
+from voxjax.pipeline.features import features_at, working_voxel_size
+from voxjax.pipeline.pair import register_features
 
 DEGREES, METRES = 3.0, 0.4
 
@@ -88,13 +89,13 @@ class Runner:
             for seed in seeds:
                 if seed not in self.single:
                     (grid,), _ = self.load(seed, "build")
-                    self.single[seed] = grid, prepare(grid, voxel_size=grid.voxel_size)
+                    self.single[seed] = grid, features_at(grid, voxel_size=grid.voxel_size)
             (_, fa), (b, fb) = (self.single[seed] for seed in seeds)
-            return judge(register_prepared(fa, fb), None, b)
+            return judge(register_features(fa, fb), None, b)
         (a, b), truth = self.load(seeds[0], kind)
         size = working_voxel_size([a, b], Config())
-        fa, fb = prepare(a, voxel_size=size), prepare(b, voxel_size=size)
-        return judge(register_prepared(fa, fb), truth, b)
+        fa, fb = features_at(a, voxel_size=size), features_at(b, voxel_size=size)
+        return judge(register_features(fa, fb), truth, b)
 
 
 def _parse(argv: list[str]) -> argparse.Namespace:

@@ -83,6 +83,6 @@ class FakeRegister:
         from voxjax.pipeline import many
 
         monkeypatch.setattr(many, "register", self)
-        monkeypatch.setattr(many, "register_prepared", self)
-        monkeypatch.setattr(many, "prepare", fake_features)
+        monkeypatch.setattr(many, "register_features", self)
+        monkeypatch.setattr(many, "features_at", fake_features)
         return self

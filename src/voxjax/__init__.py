@@ -6,7 +6,7 @@ Names are loaded when they are first used, so that `import voxjax` costs nothing
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-__version__ = "0.2.0"
+from ._version import __version__
 
 _HOME = {
     "VoxelGrid": "grid",
@@ -29,7 +29,7 @@ _HOME = {
     "register_batch": "pipeline.batch",
     "fuse": "fusion.fuse",
     "merge": "pipeline.many",
-    "Merge": "pipeline.many",
+    "Merge": "pipeline.merged",
     "use_compilation_cache": "_runtime.compilation_cache",
 }
 
@@ -51,8 +51,8 @@ if TYPE_CHECKING:
     from .matching.consistency import consistency_graph as consistency_graph
     from .ops.window.classes import box_count as box_count
     from .pipeline.batch import register_batch as register_batch
-    from .pipeline.many import Merge as Merge
     from .pipeline.many import merge as merge
+    from .pipeline.merged import Merge as Merge
     from .pipeline.pair import register as register
     from .planes.fit import Planes as Planes
     from .refinement.refine import refine as refine

@@ -32,13 +32,13 @@ def digest(found):
 def test_a_batch_gives_what_each_pair_gives_alone(maps, monkeypatch):
     a, b = maps
     prepared, told = [], []
-    real = batch.prepare
+    real = batch.features_at
 
-    def prepare(grid, *, voxel_size, infer_free_space):
+    def features_at(grid, *, voxel_size, infer_free_space):
         prepared.append(grid)
         return real(grid, voxel_size=voxel_size, infer_free_space=infer_free_space)
 
-    monkeypatch.setattr(batch, "prepare", prepare)
+    monkeypatch.setattr(batch, "features_at", features_at)
     found = vx.register_batch([(a, b), (b, a), (a, a)], on_pair=lambda number, one: told.append(number))
     assert told == [0, 1, 2]
     assert len(prepared) == 2

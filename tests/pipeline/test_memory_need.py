@@ -74,7 +74,7 @@ def test_the_pipeline_refuses_before_it_begins(monkeypatch, call):
         raise AssertionError("features were computed")
 
     for module in (pair, many):
-        monkeypatch.setattr(module, "prepare", never)
+        monkeypatch.setattr(module, "features_at", never)
     _allow(monkeypatch, FIXED / 2)
     with pytest.raises(InputError, match="registering maps"):
         call(_grid((30, 30, 20)), _grid((20, 20, 20)))

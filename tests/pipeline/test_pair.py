@@ -10,7 +10,8 @@ import voxjax as vx
 from small_worlds import FURNITURE, OTHER_FURNITURE, OTHER_ROOMS, draw_map, pose
 from voxjax.metrics import pose_error
 from voxjax.pipeline.config import Config
-from voxjax.pipeline.pair import prepare, register_prepared, working_voxel_size
+from voxjax.pipeline.features import features_at, working_voxel_size
+from voxjax.pipeline.pair import register_features
 
 T_MAP_WORLD = pose(yaw=-71.0, tilt=25.0, translation=(-4.0, 2.5, 0.7))
 
@@ -181,7 +182,7 @@ def test_bad_arguments_are_refused(maps):
     with pytest.raises(vx.InputError, match="init_guess"):
         vx.register(maps[0], maps[1], init_guess=np.zeros((4, 4)))
     with pytest.raises(vx.InputError, match="same voxel_size"):
-        register_prepared(prepare(maps[0], voxel_size=0.2), prepare(maps[1], voxel_size=0.3))
+        register_features(features_at(maps[0], voxel_size=0.2), features_at(maps[1], voxel_size=0.3))
 
 
 def test_an_unknown_preset_is_refused_where_types_are_not_checked():

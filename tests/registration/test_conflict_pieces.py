@@ -54,8 +54,7 @@ def test_the_cleaner_of_two_rivals_comes_first(maps):
     judged = judge_poses(a, b, poses, num_points=None)
     # As if the wrong pose had agreed a little better.
     judged = judged._replace(hits=np.asarray([0.9, 0.8]), conflicts=np.zeros(2))
-    ranked, order = weigh_pieces(a, b, Leaders(poses, judged, np.asarray([7, 3])))
-    assert order.tolist() == [1, 0]
+    ranked = weigh_pieces(a, b, Leaders(poses, judged, ("guess", "exhaustive")))
     np.testing.assert_array_equal(ranked.poses[0], poses[1])
-    assert ranked.rows.tolist() == [3, 7]
+    assert ranked.sources == ("exhaustive", "guess")
     assert ranked.judgement.pieces[0] < ranked.judgement.pieces[1]

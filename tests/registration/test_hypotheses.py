@@ -11,9 +11,11 @@ from voxjax.ops.evidence.scoring import HIT
 from voxjax.registration.hypotheses.corners import corner_frames, frame_poses, subgraph_poses
 from voxjax.registration.hypotheses.exhaustive import exhaustive_hypotheses, upright_frame
 from voxjax.registration.hypotheses.map_features import map_features
+from voxjax.registration.hypotheses.proposals import Proposals
 from voxjax.registration.hypotheses.ranking import distinct_poses, inverse_poses, rank_poses
 from voxjax.registration.hypotheses.rotations import rotation_hypotheses
 from voxjax.registration.judging.leaders import find_leaders, judge_poses
+from voxjax.registration.judging.settings import LeaderConfig
 
 T_MAP_WORLD = pose(yaw=33.0, tilt=12.0, translation=(3.0, -2.0, 1.0))
 
@@ -28,6 +30,13 @@ def pair():
 def nearest_error(poses, truth, centroid):
     errors = [pose_error(T, truth, centroid) for T in poses]
     return min(errors, key=lambda e: e.metres + np.radians(e.degrees) * 4.0)
+
+
+FEW = LeaderConfig(num_ranked=64, num_refined=16, num_leaders=4)
+
+
+def proposals(poses):
+    return Proposals(poses, ("exhaustive",) * len(poses), len(poses), {})
 
 
 def exhaustive(a, b, num_peaks=8):
@@ -78,14 +87,14 @@ def test_frames_are_orthonormal_and_nearest():
 def test_leaders_begin_with_the_refined_truth(pair):
     a, b, truth = pair
     poses, _ = exhaustive(a, b)
-    leaders = find_leaders(a.prepared, b.prepared, poses, num_ranked=64, num_refined=16, num_leaders=4)
+    leaders = find_leaders(a.prepared, b.prepared, proposals(poses), FEW)
     error = pose_error(leaders.poses[0], truth, np.asarray(b.prepared.centroid))
     assert error.degrees < 0.5
     assert error.metres < 0.06
     scores = leaders.judgement.score()
     assert (np.diff(scores) <= 0).all()
     assert scores[0] > 0.6
-    assert len(leaders.rows) == len(leaders.poses) <= 4
+    assert len(leaders.sources) == len(leaders.poses) <= 4
 
 
 def test_evidence_is_the_same_from_both_sides(pair):
@@ -113,7 +122,7 @@ def test_another_building_gets_no_support():
     b = map_features(stranger, max_virtual=64)
     poses, _ = exhaustive(a, b)
     assert rank_poses(a.prepared, b.prepared, poses[:1])[0] < 0.5
-    leaders = find_leaders(a.prepared, b.prepared, poses, num_ranked=64, num_refined=16, num_leaders=4)
+    leaders = find_leaders(a.prepared, b.prepared, proposals(poses), FEW)
     assert leaders.judgement.score()[0] < 0.25
 
 

@@ -1,21 +1,14 @@
 """The verdict on judgements written by hand."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
-from voxjax.registration.judging.conflict_pieces import evidence, rivals
+from voxjax.registration.judging.conflict_pieces import net_scores, rivals
 from voxjax.registration.judging.leaders import Judgement
+from voxjax.registration.judging.settings import VerdictConfig
 from voxjax.registration.judging.verdict import decide, probabilities, support
 
-BOUNDS: dict[str, Any] = {
-    "min_confidence": 0.85,
-    "min_confidence_beside_rivals": 0.9,
-    "max_conflict": 0.08,
-    "min_support": 0.005,
-    "max_pieces": 0.003,
-}
+BOUNDS = VerdictConfig()
 
 
 def judgement(*poses):
@@ -47,10 +40,10 @@ GOOD, WEAK = (0.6, 0.003, 0.2, 0.5), (0.04, 0.0, 0.001, 0.0)
     ],
 )
 def test_verdict_and_confidence_go_together(poses, has_free_space, expected):
-    finding = decide(judgement(*poses), has_free_space=has_free_space, **BOUNDS)
+    finding = decide(judgement(*poses), BOUNDS, has_free_space=has_free_space)
     assert finding.verdict == expected
     assert 0.0 <= finding.confidence <= 1.0
-    assert (finding.confidence >= BOUNDS["min_confidence"]) == (expected == "accepted")
+    assert (finding.confidence >= BOUNDS.min_confidence) == (expected == "accepted")
     assert finding.reason
 
 
@@ -65,12 +58,12 @@ def test_probabilities_are_a_choice_among_the_leaders_and_none():
 
 def test_beside_rivals_the_best_must_be_clean_itself():
     unclean = judgement((0.6, 0.003, 0.2, 4.0), (0.55, 0.003, 0.2, 50.0))
-    finding = decide(unclean, has_free_space=True, **BOUNDS)
+    finding = decide(unclean, BOUNDS, has_free_space=True)
     assert finding.verdict == "ambiguous"
     assert finding.confidence > 0.9
     assert "pieces" in finding.reason
     alone = judgement((0.6, 0.003, 0.2, 4.0), WEAK)
-    assert decide(alone, has_free_space=True, **BOUNDS).verdict == "accepted"
+    assert decide(alone, BOUNDS, has_free_space=True).verdict == "accepted"
 
 
 def test_rivals_stand_as_one_against_no_overlap():
@@ -83,9 +76,9 @@ def test_rivals_stand_as_one_against_no_overlap():
 def test_only_pieces_beyond_those_of_the_cleanest_rival_count():
     both = judgement((0.6, 0.0, 0.2, 2.0), (0.5, 0.0, 0.2, 2.0), (0.1, 0.0, 0.2, 0.0))
     np.testing.assert_array_equal(rivals(both), [True, True, False])
-    np.testing.assert_allclose(evidence(both), both.score())
+    np.testing.assert_allclose(net_scores(both), both.score())
     one = judgement((0.6, 0.0, 0.2, 3.0), (0.5, 0.0, 0.2, 0.0))
-    np.testing.assert_allclose(evidence(one), [0.15, 0.5])
+    np.testing.assert_allclose(net_scores(one), [0.15, 0.5])
 
 
 def test_support_is_the_agreement_along_the_worst_direction():

@@ -13,7 +13,8 @@ from .._runtime.whole_files import write_files
 from ..grid import VoxelGrid
 from ..io import read_map
 from ..pipeline.config import Config, config_from
-from ..pipeline.many import Merge, merge
+from ..pipeline.many import merge
+from ..pipeline.merged import Merge
 from ..pipeline.report import merge_report
 from ..view import check_page_support, draw_merge, encode_png, page_html
 from .guess import parse_guess

@@ -8,7 +8,8 @@ from ..grid import VoxelGrid
 from ..registration.hypotheses.map_features import MapFeatures
 from ..registration.types import Registration
 from .config import Config, config_from
-from .pair import prepare, register, register_prepared, working_voxel_size
+from .features import features_at, working_voxel_size
+from .pair import register, register_features
 
 
 def register_batch(
@@ -44,7 +45,9 @@ def register_batch(
     def features_of(grid: VoxelGrid, voxel_size: float) -> MapFeatures:
         key = id(grid), voxel_size
         if key not in known:
-            known[key] = prepare(grid, voxel_size=voxel_size, infer_free_space=settings.map.infer_free_space)
+            known[key] = features_at(
+                grid, voxel_size=voxel_size, infer_free_space=settings.map.infer_free_space
+            )
         return known[key]
 
     results = []
@@ -53,7 +56,7 @@ def register_batch(
             found = register(a, b, config=settings, gravity_aligned=gravity_aligned)
         else:
             size = working_voxel_size([a, b], settings)
-            found = register_prepared(
+            found = register_features(
                 features_of(a, size), features_of(b, size), config=settings, gravity_aligned=gravity_aligned
             )
         results.append(found)

@@ -1,29 +1,76 @@
 """`Registration` put together from what the stages found."""
 
+from typing import Any
+
 import numpy as np
 
 from .._results import RESULTS
-from ..registration.judging.leaders import Judgement
-from ..registration.judging.verdict import support
-from ..registration.types import Evidence, Registration
+from ..refinement.refine import Refinement
+from ..registration.judging.conflict_pieces import net_scores
+from ..registration.judging.leaders import Judgement, Leaders
+from ..registration.judging.verdict import Finding, support
+from ..registration.types import Evidence, Hypothesis, Registration
 
 
-def nothing_found(reason: str, result: RESULTS) -> Registration:
-    """Outcome when there is no pose to speak of."""
+def nothing_found(reason: str, result: RESULTS, stats: dict[str, Any] | None = None) -> Registration:
+    """Outcome when there is no pose to speak of.
+
+    Args:
+        reason: One sentence for a person.
+        result: How the computation ended.
+        stats: What was counted before; None where nothing was looked at.
+    """
+    counts = {"num_corners_a": 0, "num_corners_b": 0} if stats is None else stats
     return Registration(
-        T_a_b=np.eye(4, dtype=np.float32), verdict="no_overlap", confidence=0.0,
-        covariance=np.full((6, 6), np.inf, np.float32), hypotheses=(), reason=reason, result=result,
-        stats={"num_corners_a": 0, "num_corners_b": 0, "num_associations": 0, "clique_size": 0,
-               "num_hypotheses": 0, "seconds": {}},
-    )  # fmt: skip
+        T_a_b=np.eye(4, dtype=np.float32),
+        verdict="no_overlap",
+        confidence=0.0,
+        covariance=np.full((6, 6), np.inf, np.float32),
+        hypotheses=(),
+        reason=reason,
+        result=result,
+        stats={"num_associations": 0, "clique_size": 0, "num_hypotheses": 0, "seconds": {}} | counts,
+    )
 
 
-def with_stats(found: Registration, stats: dict, seconds: dict[str, float]) -> Registration:
-    """The outcome with counts for the report and the seconds of its stages."""
+def registration_of(
+    pose: Refinement, leaders: Leaders, finding: Finding, num_voxels: int, stats: dict[str, Any]
+) -> Registration:
+    """Outcome with a pose, accepted or not.
+
+    Args:
+        pose: The best leader after the last refinement.
+        leaders: Distinct poses, best first.
+        finding: The verdict.
+        num_voxels: Number of occupied voxels of both maps.
+        stats: Counts and seconds for the report.
+    """
+    T_a_b = np.asarray(pose.T_a_b)
+    scores = net_scores(leaders.judgement)
+    hypotheses = tuple(
+        Hypothesis(
+            T_a_b if i == 0 else leaders.poses[i],
+            float(scores[i]),
+            leaders.sources[i],
+            evidence_of(leaders.judgement, i, num_voxels),
+        )
+        for i in range(len(scores))
+    )
+    result = {
+        "accepted": RESULTS.successful,
+        "ambiguous": RESULTS.ambiguous,
+        "no_overlap": RESULTS.no_overlap,
+    }
     return Registration(
-        found.T_a_b, found.verdict, found.confidence, found.covariance, found.hypotheses, found.reason, found.result,
-        stats | {"seconds": seconds},
-    )  # fmt: skip
+        T_a_b=T_a_b,
+        verdict=finding.verdict,
+        confidence=finding.confidence,
+        covariance=np.asarray(pose.covariance),
+        hypotheses=hypotheses,
+        reason=finding.reason,
+        result=result[finding.verdict],
+        stats={"num_associations": 0, "clique_size": 0, "source": leaders.sources[0]} | stats,
+    )
 
 
 def evidence_of(judgement: Judgement, i: int, num_voxels: int) -> Evidence:

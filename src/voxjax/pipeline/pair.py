@@ -1,8 +1,7 @@
-"""Register two maps: features, hypotheses from all sources, leaders, evidence, verdict, refinement."""
+"""Register two maps: `register` checks and prepares them, `register_features` is the algorithm, stage by stage."""
 
-import dataclasses
-import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -13,19 +12,19 @@ from .._runtime.mappings import release_kernels_if_crowded
 from .._runtime.threads import spread
 from ..grid import VoxelGrid
 from ..refinement.refine import refine
-from ..registration.hypotheses.map_features import FREE_SPACE, MapFeatures, map_features
-from ..registration.judging.conflict_pieces import evidence
-from ..registration.judging.leaders import Leaders
-from ..registration.judging.verdict import Finding, decide, probabilities
+from ..registration.hypotheses.map_features import MapFeatures, worse_free_space
+from ..registration.hypotheses.proposals import PoseRange
+from ..registration.judging.conflict_pieces import weigh_pieces
+from ..registration.judging.leaders import find_leaders, merge_leaders
+from ..registration.judging.verdict import decide
 from ..registration.paper.register import register_paper
-from ..registration.types import Hypothesis, Registration
+from ..registration.types import Registration
 from .config import Config, config_from
+from .features import features_at, working_voxel_size
+from .hypotheses import first_hypotheses, other_hypotheses
 from .memory_need import check_register_memory
-from .outcome import evidence_of, nothing_found, with_stats
-from .search import search
-
-FINE_VOXEL = 0.075
-"""Maps finer than this [m] are brought to about 0.1 m: the trials behind the evidence ran there."""
+from .outcome import nothing_found, registration_of
+from .stages import Stages
 
 MAX_NONE = 0.1
 """Other sources are asked only if no leader is right with at least this probability."""
@@ -76,67 +75,31 @@ def register(
             "method does not know; leave them out or take the preset 'default'."
         )
     settings = config_from(config)
-    announce = on_stage if on_stage is not None else _silent
+    stages = Stages(on_stage)
     for name, grid in (("a", a), ("b", b)):
         if grid.num_occupied == 0:
             return nothing_found(f"Map {name} has no occupied voxel.", RESULTS.empty_map)
     if preset == "paper":
-        announce("the paper's pipeline")
+        stages.announce("the paper's pipeline")
         return register_paper(a, b)
     size = working_voxel_size([a, b], settings)
     check_register_memory([a, b], size)
-    seconds = {}
-    start = time.perf_counter()
-    announce("features")
-
-    def features_of(grid: VoxelGrid) -> MapFeatures:
-        return prepare(grid, voxel_size=size, infer_free_space=settings.map.infer_free_space)
-
-    features_a, features_b = spread(features_of, (a, b))
-    seconds["features"] = time.perf_counter() - start
-    return register_prepared(
-        features_a, features_b, config=settings, gravity_aligned=gravity_aligned, init_guess=init_guess,
+    with stages.stage("features"):
+        features = partial(features_at, voxel_size=size, infer_free_space=settings.map.infer_free_space)
+        features_a, features_b = spread(features, (a, b))
+    return register_features(
+        features_a,
+        features_b,
+        config=settings,
+        gravity_aligned=gravity_aligned,
+        init_guess=init_guess,
         guess_uncertainty=guess_uncertainty,
-        on_stage=on_stage, seconds=seconds,
-    )  # fmt: skip
-
-
-def working_voxel_size(grids: list[VoxelGrid], settings: Config) -> float:
-    """Voxel size [m] at which maps are compared: the coarsest map's, after fine ones are brought to about 0.1 m."""
-    if settings.map.voxel_size > 0:
-        return settings.map.voxel_size
-    sizes = [
-        g.voxel_size * (max(round(0.1 / g.voxel_size), 1) if g.voxel_size < FINE_VOXEL else 1) for g in grids
-    ]
-    return max(sizes)
-
-
-def prepare(
-    grid: VoxelGrid, *, voxel_size: float, max_virtual: int = 256, infer_free_space: bool = True
-) -> MapFeatures:
-    """Features of one map for all its pairs.
-
-    Args:
-        grid: With at least one occupied voxel.
-        voxel_size: Working voxel size [m] of all maps that it is compared with.
-        max_virtual: Largest number of virtual corners.
-        infer_free_space: Take what surfaces enclose for free where the map records no free space.
-
-    Raises:
-        InputError: If nothing is occupied.
-    """
-    if grid.num_occupied == 0:
-        raise InputError("grid must have at least one occupied voxel, got none; leave the map out.")
-    release_kernels_if_crowded()
-    same = abs(grid.voxel_size - voxel_size) < 1e-6 * voxel_size
-    return map_features(
-        grid if same else grid.with_voxel_size(voxel_size),
-        max_virtual=max_virtual,
-        infer_free_space=infer_free_space,
+        on_stage=on_stage,
+        seconds=stages.seconds,
     )
 
 
-def register_prepared(
+def register_features(
     a: MapFeatures,
     b: MapFeatures,
     *,
@@ -147,91 +110,96 @@ def register_prepared(
     on_stage: Callable[[str], None] | None = None,
     seconds: dict[str, float] | None = None,
 ) -> Registration:
-    """`register` for maps whose features are known (`prepare`), both at the same voxel size.
+    """`register` for maps whose features are known (`features_at`), both at the same voxel size.
+
+    Args:
+        a: The map whose frame the pose maps into.
+        b: The map that is moved.
+        config: As for `register`.
+        gravity_aligned: As for `register`.
+        init_guess: As for `register`.
+        guess_uncertainty: As for `register`.
+        on_stage: As for `register`.
+        seconds: {stage: s} of what was done before, for the report.
 
     Raises:
         InputError: If the voxel sizes differ, or a setting or the guess cannot be used.
     """
-    settings = config_from(config)
-    announce = on_stage if on_stage is not None else _silent
-    if abs(a.prepared.grid.voxel_size - b.prepared.grid.voxel_size) > 1e-6 * a.prepared.grid.voxel_size:
-        raise InputError(
-            "a and b must be prepared at the same voxel_size, got "
-            f"{a.prepared.grid.voxel_size:g} and {b.prepared.grid.voxel_size:g}; prepare both at the coarser one."
-        )
-    if guess_uncertainty is not None:
-        if init_guess is None:
-            raise InputError("guess_uncertainty needs an init_guess that it is about; give both or neither.")
-        for name, value in zip(("metres", "radians"), guess_uncertainty, strict=True):
-            check_positive(f"guess_uncertainty ({name})", value, name)
-    seconds = dict(seconds or {})
+    settings, stages = config_from(config), Stages(on_stage, seconds)
+    _check_voxel_sizes(a, b)
+    guess = None if init_guess is None else check_pose("init_guess", init_guess)
+    pose_range = _pose_range(b, gravity_aligned, guess, guess_uncertainty)
+    free_space = worse_free_space(a, b)
+    has_free_space = a.prepared.has_free_space and b.prepared.has_free_space
+    known = {"has_free_space": has_free_space, "is_inferred": free_space == "inferred"}
     release_kernels_if_crowded()
 
-    has_free_space = a.prepared.has_free_space and b.prepared.has_free_space
-    free_space = min(a.free_space, b.free_space, key=FREE_SPACE.index)
+    # 1. Hypotheses that need no corners: a guess, and all translations of the rotations that the normals allow.
+    proposed = first_hypotheses(a, b, settings.source, guess=guess, pose_range=pose_range, stages=stages)
+    counts = {"num_rounds": 1, "num_hypotheses": proposed.num_found, **proposed.counts}
 
-    def verdict_of(leaders: Leaders) -> Finding:
-        return decide(
-            leaders.judgement,
-            has_free_space=has_free_space,
-            is_inferred=free_space == "inferred",
-            **dataclasses.asdict(settings.verdict),
+    # 2. Leaders: distinct poses, refined and judged by all voxels; rivals net of conflicts that hang together.
+    with stages.stage("leaders"):
+        leaders = find_leaders(a.prepared, b.prepared, proposed, settings.leader)
+        leaders = weigh_pieces(a.prepared, b.prepared, leaders)
+
+    # 3. The verdict: is one of the leaders right, and which?
+    finding = decide(leaders.judgement, settings.verdict, **known)
+
+    # 4. A second round with the other sources, unless a leader is probably right: more poses do not tell which.
+    is_settled = finding.verdict == "accepted" or finding.none < MAX_NONE
+    if settings.source.thorough or not is_settled:
+        more = other_hypotheses(a, b, settings.source, pose_range=pose_range, stages=stages)
+        counts |= {"num_rounds": 2, "num_hypotheses": proposed.num_found + more.num_found, **more.counts}
+        with stages.stage("leaders"):
+            found = find_leaders(a.prepared, b.prepared, more, settings.leader)
+            leaders = merge_leaders(a.prepared, b.prepared, leaders, found, settings.leader)
+            leaders = weigh_pieces(a.prepared, b.prepared, leaders)
+        finding = decide(leaders.judgement, settings.verdict, **known)
+    if len(leaders.poses) == 0:
+        return nothing_found(finding.reason, RESULTS.too_few_corners, counts | {"seconds": stages.seconds})
+
+    # 5. The pose: the best leader, refined once more against both maps, with its covariance.
+    with stages.stage("verdict"):
+        pose = refine(
+            a.prepared,
+            b.prepared,
+            leaders.poses[0],
+            max_distance=LAST_REACH * a.prepared.grid.voxel_size,
+            num_points=LAST_POINTS,
+            both_ways=True,
+        )
+    counts |= {"has_free_space": has_free_space, "free_space": free_space}
+    num_voxels = a.prepared.num_points + b.prepared.num_points
+    return registration_of(pose, leaders, finding, num_voxels, counts | {"seconds": stages.seconds})
+
+
+def _check_voxel_sizes(a: MapFeatures, b: MapFeatures) -> None:
+    """Raise if features are of maps at different voxel sizes."""
+    size_a, size_b = a.prepared.grid.voxel_size, b.prepared.grid.voxel_size
+    if abs(size_a - size_b) > 1e-6 * size_a:
+        raise InputError(
+            f"a and b must be prepared at the same voxel_size, got {size_a:g} and {size_b:g}; "
+            "prepare both at the coarser one."
         )
 
-    def is_decided(leaders: Leaders) -> bool:
-        none = probabilities(leaders.judgement, has_free_space=has_free_space)[0]
-        # Where one of the leaders is right, more sources do not tell which.
-        return verdict_of(leaders).verdict == "accepted" or bool(none < MAX_NONE)
 
-    # 1. Distinct leaders from the hypotheses of the sources, refined, judged by all voxels.
-    found = search(
-        a, b, settings, gravity_aligned=gravity_aligned,
-        guess=None if init_guess is None else check_pose("init_guess", init_guess), uncertainty=guess_uncertainty,
-        is_decided=is_decided, announce=announce,
-    )  # fmt: skip
-    seconds.update(found.seconds)
-    leaders = found.leaders
-    if leaders is None:
-        nothing = nothing_found(
-            "No source proposed a pose: the maps have too little structure.", RESULTS.too_few_corners
-        )
-        return with_stats(nothing, found.stats, seconds)
+def _pose_range(
+    b: MapFeatures,
+    gravity_aligned: bool,
+    guess: np.ndarray | None,
+    uncertainty: tuple[float, float] | None,
+) -> PoseRange:
+    """Which poses can be, by what the caller knows beforehand.
 
-    # 2. The pose, its covariance and the verdict.
-    announce("verdict")
-    start = time.perf_counter()
-    finding = verdict_of(leaders)
-    refined = refine(
-        a.prepared, b.prepared, leaders.poses[0], max_distance=LAST_REACH * a.prepared.grid.voxel_size,
-        num_points=LAST_POINTS, both_ways=True,
-    )  # fmt: skip
-    T_a_b, covariance = np.asarray(refined.T_a_b), np.asarray(refined.covariance)
-    seconds["verdict"] = time.perf_counter() - start
-
-    scores = evidence(leaders.judgement)
-    hypotheses = tuple(
-        Hypothesis(
-            leaders.poses[i] if i else T_a_b,
-            float(scores[i]),
-            found.sources[i],
-            evidence_of(leaders.judgement, i, a.prepared.num_points + b.prepared.num_points),
-        )
-        for i in range(len(scores))
-    )
-    result = {
-        "accepted": RESULTS.successful,
-        "ambiguous": RESULTS.ambiguous,
-        "no_overlap": RESULTS.no_overlap,
-    }
-    return with_stats(
-        Registration(
-            T_a_b=T_a_b, verdict=finding.verdict, confidence=finding.confidence, covariance=covariance,
-            hypotheses=hypotheses, reason=finding.reason, result=result[finding.verdict], stats={},
-        ),
-        found.stats | {"source": hypotheses[0].source, "has_free_space": has_free_space, "free_space": free_space},
-        seconds,
-    )  # fmt: skip
-
-
-def _silent(stage: str) -> None:
-    """Announce nothing."""
+    Raises:
+        InputError: If there is an uncertainty without a guess, or it is not positive.
+    """
+    centroid = np.asarray(b.prepared.centroid)
+    if uncertainty is None:
+        return PoseRange(centroid, gravity_aligned)
+    if guess is None:
+        raise InputError("guess_uncertainty needs an init_guess that it is about; give both or neither.")
+    for name, value in zip(("metres", "radians"), uncertainty, strict=True):
+        check_positive(f"guess_uncertainty ({name})", value, name)
+    return PoseRange(centroid, gravity_aligned, guess, *uncertainty)

@@ -1,20 +1,16 @@
 """The report of a merge as plain data for JSON: fixed keys, finite numbers only."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import numpy as np
 
-from .. import __version__
+from .._version import __version__
+from ..grid import VoxelGrid
 from ..registration.types import Registration
-
-if TYPE_CHECKING:
-    from ..grid import VoxelGrid
-    from .many import Merge
+from .merged import Merge
 
 
 def merge_report(

@@ -84,3 +84,8 @@ class Registration(eqx.Module):
     def accepted(self) -> bool:
         """Whether the pose may be used without a person looking at it."""
         return self.verdict == "accepted"
+
+    @property
+    def best_score(self) -> float:
+        """Evidence of the best hypothesis; below everything when there is none."""
+        return self.hypotheses[0].score if self.hypotheses else -np.inf

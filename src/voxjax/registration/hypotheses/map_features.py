@@ -15,9 +15,6 @@ from ...matching.descriptors import MapDescriptors, describe_map
 from ...planes.extract import extract_planes
 from .rotations import dominant_directions, sample_normals
 
-FREE_SPACE = ("unknown", "inferred", "observed")
-"""Where a map's free space is from, the least reliable first."""
-
 MIN_INFERRED = 0.75
 """Inferred free space is used where it lies before at least this share of the surfaces; in half a scan it would be on
 the wrong side of too many."""
@@ -95,6 +92,11 @@ def map_features(grid: VoxelGrid, *, max_virtual: int, infer_free_space: bool = 
         late=LateFeatures(prepared.grid, max_virtual),
         free_space=free_space,
     )
+
+
+def worse_free_space(a: MapFeatures, b: MapFeatures) -> str:
+    """Where the less reliable free space of two maps is from."""
+    return min(a.free_space, b.free_space, key=("unknown", "inferred", "observed").index)
 
 
 def _prepare(grid: VoxelGrid, *, infer_free_space: bool) -> tuple[PreparedMap, str]:

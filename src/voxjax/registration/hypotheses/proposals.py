@@ -1,11 +1,13 @@
-"""All hypotheses of a pair, from all sources, with the source of each."""
+"""Hypotheses of a pair, source by source: each source is one function that gives `Proposals`.
 
-import time
-from collections.abc import Callable
-from typing import NamedTuple
+`admit` joins what several sources proposed and leaves out the poses that cannot be (`PoseRange`).
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from ..._runtime.threads import spread
 from .corners import frame_poses, subgraph_poses
@@ -27,141 +29,151 @@ class Proposals(NamedTuple):
 
     Attributes:
         poses: float32 (k, 4, 4) `T_a_b`.
-        sources: One name a pose.
+        sources: Name of the source of each pose.
+        num_found: How many poses the sources found, before any were left out.
+        counts: What the sources counted on the way, for the report.
     """
 
     poses: Float[np.ndarray, "k 4 4"]
     sources: tuple[str, ...]
+    num_found: int
+    counts: dict[str, Any]
 
 
-class ProposalCollector:
-    """Gathers poses source by source; times each."""
+class PoseRange(NamedTuple):
+    """Which poses of a pair can be.
 
-    def __init__(
-        self,
-        a: MapFeatures,
-        b: MapFeatures,
-        *,
-        gravity_aligned: bool,
-        near: tuple[np.ndarray, float, float] | None = None,
-    ):
-        """Start without poses; of all poses only those near a guess count: (guess, metres, radians)."""
-        self._a, self._b = a, b
-        self._near = near
-        self._gravity_aligned = gravity_aligned
-        self._poses: list[np.ndarray] = []
-        self._sources: list[str] = []
-        self.stats: dict = {"num_associations": 0, "clique_size": 0, "num_hypotheses": 0}
-        self.seconds: dict = {}
+    Attributes:
+        centroid: Centroid of map b [m], float32 (3,).
+        gravity_aligned: Whether only poses that keep the vertical count.
+        guess: A pose (4, 4) that the others must be near to; None where any pose may be.
+        metres: Largest distance between where a pose and the guess put the centroid [m].
+        radians: Largest angle between a pose and the guess [rad].
+    """
 
-    def _add(self, poses: np.ndarray, sources: list[str]) -> None:
-        is_allowed = self._allowed(poses)
-        poses = poses[is_allowed]
-        sources = [name for name, keep in zip(sources, is_allowed, strict=True) if keep]
-        self._poses.append(poses.astype(np.float32))
-        self._sources.extend(sources)
+    centroid: Float[np.ndarray, "3"]
+    gravity_aligned: bool = False
+    guess: Float[np.ndarray, "4 4"] | None = None
+    metres: float = np.inf
+    radians: float = np.inf
 
-    def _allowed(self, poses: np.ndarray) -> np.ndarray:
+    def admits(self, poses: Float[np.ndarray, "k 4 4"]) -> Bool[np.ndarray, "k"]:
         """Whether each pose is upright, where it must be, and near the guess."""
-        is_allowed = np.ones(len(poses), bool)
-        if self._gravity_aligned:
-            is_allowed &= poses[:, 2, 2] > UPRIGHT_COSINE
-        if self._near is not None:
-            guess, metres, radians = self._near
-            change = poses - guess[None]
-            offset = change[:, :3, :3] @ np.asarray(self._b.prepared.centroid) + change[:, :3, 3]
-            trace = np.einsum("kij,ij->k", poses[:, :3, :3], guess[:3, :3])
-            is_allowed &= np.linalg.norm(offset, axis=1) <= metres
-            is_allowed &= trace >= 1.0 + 2.0 * np.cos(min(radians, np.pi))
-        return is_allowed
+        is_admitted = np.ones(len(poses), bool)
+        if self.gravity_aligned:
+            is_admitted &= poses[:, 2, 2] > UPRIGHT_COSINE
+        if self.guess is not None:
+            change = poses - self.guess[None]
+            offset = change[:, :3, :3] @ self.centroid + change[:, :3, 3]
+            trace = np.einsum("kij,ij->k", poses[:, :3, :3], self.guess[:3, :3])
+            is_admitted &= np.linalg.norm(offset, axis=1) <= self.metres
+            is_admitted &= trace >= 1.0 + 2.0 * np.cos(min(self.radians, np.pi))
+        return is_admitted
 
-    def _timed(self, name: str, propose: Callable[[], None]) -> None:
-        start = time.perf_counter()
-        propose()
-        self.seconds[name] = time.perf_counter() - start
 
-    def add_guess(self, T_a_b: np.ndarray) -> None:
-        """Add a pose from outside."""
-        self._add(T_a_b[None], ["guess"])
+def admit(proposals: Sequence[Proposals], pose_range: PoseRange) -> Proposals:
+    """All poses of several sources that can be, in the order given."""
+    poses = np.concatenate(
+        [np.zeros((0, 4, 4), np.float32), *(p.poses.astype(np.float32) for p in proposals)]
+    )
+    sources = [name for p in proposals for name in p.sources]
+    rows = np.flatnonzero(
+        np.concatenate([np.zeros(0, bool), *(pose_range.admits(p.poses) for p in proposals)])
+    )
+    counts: dict[str, Any] = {}
+    for p in proposals:
+        counts |= p.counts
+    return Proposals(
+        poses[rows], tuple(sources[row] for row in rows), sum(p.num_found for p in proposals), counts
+    )
 
-    def add_corner_frames(self) -> None:
-        """Add the best poses of single corner pairs."""
 
-        def propose() -> None:
-            corners = spread(lambda features: features.corners, (self._a, self._b))
-            self.stats["num_corners_a"], self.stats["num_corners_b"] = (c.num_listed for c in corners)
-            found = frame_poses(*corners)
-            poses, is_observed = found.poses, found.is_observed
-            is_allowed = self._allowed(poses)
-            poses, is_observed = poses[is_allowed], is_observed[is_allowed]
-            self.stats["num_hypotheses"] += len(poses)
-            if len(poses) == 0:
-                return
-            a, b = self._a.prepared, self._b.prepared
-            scores = rank_poses(a, b, poses, num_points=128)
-            kept = np.argsort(-scores, kind="stable")[: 16 * MAX_FRAME_POSES]
-            chosen = kept[
-                distinct_poses(
-                    poses[kept], scores[kept], np.asarray(b.centroid, np.float64),
-                    metres=2.0 * a.grid.voxel_size, degrees=1.5, max_count=MAX_FRAME_POSES,
-                )
-            ]  # fmt: skip
-            self._add(poses[chosen], ["corner" if is_observed[i] else "virtual corner" for i in chosen])
+def propose_guess(T_a_b: Float[np.ndarray, "4 4"]) -> Proposals:
+    """A pose from outside; it is no finding, so it is not counted."""
+    return Proposals(T_a_b[None], ("guess",), 0, {})
 
-        self._timed("corner frames", propose)
 
-    def add_subgraph(self, *, distance_tolerance: float, max_corners: int) -> None:
-        """Add the poses of the maximum common subgraphs of the corners; tolerance in voxels."""
+def propose_exhaustively(
+    a: MapFeatures, b: MapFeatures, *, gravity_aligned: bool, max_rotations: int, num_peaks: int
+) -> Proposals:
+    """The best translations of all rotations that the normals of both maps allow.
 
-        def propose() -> None:
-            found = subgraph_poses(
-                self._a.corners, self._b.corners, max_corners=max_corners,
-                distance_tolerance=distance_tolerance * self._a.prepared.grid.voxel_size,
-            )  # fmt: skip
-            self.stats["num_associations"] = found.num_associations
-            self.stats["clique_size"] = found.clique_size
-            self.stats["subgraph_completed"] = found.completed
-            self.stats["num_hypotheses"] += len(found.poses)
-            self._add(found.poses, ["subgraph"] * len(found.poses))
+    Args:
+        a: First map.
+        b: Second map.
+        gravity_aligned: Whether only rotations about the vertical count.
+        max_rotations: Largest number of rotations.
+        num_peaks: Translations kept for each rotation.
+    """
+    rotations, _ = rotation_hypotheses(
+        a.normals,
+        b.normals,
+        a.directions,
+        b.directions,
+        max_rotations=max_rotations,
+        is_signed=a.prepared.has_free_space and b.prepared.has_free_space,
+        gravity_aligned=gravity_aligned,
+    )
+    frame = upright_frame(a.directions, a.shares)
+    poses, _ = exhaustive_hypotheses(a.prepared, b.prepared, rotations, frame, num_peaks=num_peaks)
+    return Proposals(poses, ("exhaustive",) * len(poses), len(poses), {"num_rotations": len(rotations)})
 
-        self._timed("common subgraph", propose)
 
-    def add_descriptors(self, *, max_poses: int) -> None:
-        """Add the poses of the cliques of matched local descriptors."""
+def propose_corner_frames(a: MapFeatures, b: MapFeatures, pose_range: PoseRange) -> Proposals:
+    """The best poses of single corner pairs, among those that can be."""
+    corners_a, corners_b = spread(lambda features: features.corners, (a, b))
+    counts = {"num_corners_a": corners_a.num_listed, "num_corners_b": corners_b.num_listed}
+    found = frame_poses(corners_a, corners_b)
+    is_admitted = pose_range.admits(found.poses)
+    poses, is_observed = found.poses[is_admitted], found.is_observed[is_admitted]
+    if len(poses) == 0:
+        return Proposals(poses, (), 0, counts)
+    scores = rank_poses(a.prepared, b.prepared, poses, num_points=128)
+    # Telling poses apart takes time by the square of their number, so that only the better ones come to it.
+    kept = np.argsort(-scores, kind="stable")[: 16 * MAX_FRAME_POSES]
+    chosen = kept[
+        distinct_poses(
+            poses[kept],
+            scores[kept],
+            np.asarray(b.prepared.centroid, np.float64),
+            metres=2.0 * a.prepared.grid.voxel_size,
+            degrees=1.5,
+            max_count=MAX_FRAME_POSES,
+        )
+    ]
+    names = tuple("corner" if is_observed[row] else "virtual corner" for row in chosen)
+    return Proposals(poses[chosen], names, len(poses), counts)
 
-        def propose() -> None:
-            use_free_space = self._a.prepared.has_free_space and self._b.prepared.has_free_space
-            described = spread(
-                lambda features: features.late.descriptors(use_free_space=use_free_space), (self._a, self._b)
-            )
-            poses, sizes = descriptor_hypotheses(described[0], described[1], max_hypotheses=max_poses)
-            self.stats["descriptor_clique_size"] = int(sizes[0]) if len(sizes) else 0
-            self.stats["num_hypotheses"] += len(poses)
-            self._add(poses, ["descriptor"] * len(poses))
 
-        self._timed("descriptors", propose)
+def propose_subgraphs(
+    a: MapFeatures, b: MapFeatures, *, distance_tolerance: float, max_corners: int
+) -> Proposals:
+    """The poses of the maximum common subgraphs of the corners.
 
-    def add_exhaustive(self, *, max_rotations: int, num_peaks: int) -> None:
-        """Add the best translations of all rotations that the normals allow."""
+    Args:
+        a: First map.
+        b: Second map.
+        distance_tolerance: D of equation (4) [voxel].
+        max_corners: Corners of each map that take part.
+    """
+    found = subgraph_poses(
+        a.corners,
+        b.corners,
+        max_corners=max_corners,
+        distance_tolerance=distance_tolerance * a.prepared.grid.voxel_size,
+    )
+    counts = {
+        "num_associations": found.num_associations,
+        "clique_size": found.clique_size,
+        "subgraph_completed": found.completed,
+    }
+    return Proposals(found.poses, ("subgraph",) * len(found.poses), len(found.poses), counts)
 
-        def propose() -> None:
-            a, b = self._a, self._b
-            rotations, _ = rotation_hypotheses(
-                a.normals, b.normals, a.directions, b.directions, max_rotations=max_rotations,
-                is_signed=a.prepared.has_free_space and b.prepared.has_free_space,
-                gravity_aligned=self._gravity_aligned,
-            )  # fmt: skip
-            self.stats["num_rotations"] = len(rotations)
-            frame = upright_frame(a.directions, a.shares)
-            poses, _ = exhaustive_hypotheses(a.prepared, b.prepared, rotations, frame, num_peaks=num_peaks)
-            self.stats["num_hypotheses"] += len(poses)
-            self._add(poses, ["exhaustive"] * len(poses))
 
-        self._timed("exhaustive search", propose)
-
-    def take(self) -> Proposals:
-        """All poses added since the last call."""
-        poses = np.concatenate(self._poses) if self._poses else np.zeros((0, 4, 4), np.float32)
-        taken = Proposals(poses, tuple(self._sources))
-        self._poses, self._sources = [], []
-        return taken
+def propose_from_descriptors(a: MapFeatures, b: MapFeatures, *, max_poses: int) -> Proposals:
+    """The poses of the largest cliques of matched local descriptors, at most `max_poses`."""
+    use_free_space = a.prepared.has_free_space and b.prepared.has_free_space
+    described_a, described_b = spread(lambda f: f.late.descriptors(use_free_space=use_free_space), (a, b))
+    poses, sizes = descriptor_hypotheses(described_a, described_b, max_hypotheses=max_poses)
+    counts = {"descriptor_clique_size": int(sizes[0]) if len(sizes) else 0}
+    return Proposals(poses, ("descriptor",) * len(poses), len(poses), counts)

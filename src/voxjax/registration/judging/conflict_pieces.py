@@ -71,23 +71,16 @@ def _in_pieces(other: PreparedMap, points: np.ndarray) -> int:
     return int(sizes[sizes * voxel**2 >= MIN_AREA].sum())
 
 
-def weigh_pieces(a: PreparedMap, b: PreparedMap, leaders: Leaders) -> tuple[Leaders, np.ndarray]:
-    """Leaders with the pieces of the rivals for the first place, best first by the evidence net of them.
-
-    Returns:
-        Leaders, and their rows among those given.
-    """
+def weigh_pieces(a: PreparedMap, b: PreparedMap, leaders: Leaders) -> Leaders:
+    """Leaders with the pieces of the rivals for the first place, best first by the score net of them."""
     is_rival = rivals(leaders.judgement)
     areas = np.zeros((len(leaders.poses), 2))
     if is_rival.any():
         areas[is_rival] = spread(lambda T: piece_area(a, b, T), leaders.poses[is_rival])
     pieces, shared = areas.T
     judgement = leaders.judgement._replace(pieces=pieces, shared=shared)
-    order = np.argsort(-evidence(judgement), kind="stable")
-    ranked = Leaders(
-        leaders.poses[order], Judgement(*(part[order] for part in judgement)), leaders.rows[order]
-    )
-    return ranked, order
+    order = np.argsort(-net_scores(judgement), kind="stable")
+    return leaders._replace(judgement=judgement).take(order)
 
 
 def rivals(judgement: Judgement) -> np.ndarray:
@@ -96,7 +89,7 @@ def rivals(judgement: Judgement) -> np.ndarray:
     return (scores >= MIN_SHARE * scores.max(initial=0.0)) & (scores > 0.0)
 
 
-def evidence(judgement: Judgement) -> np.ndarray:
+def net_scores(judgement: Judgement) -> np.ndarray:
     """Scores (k,); those of rivals divided by 1 m^2 plus their pieces, and the cleanest one keeps its score.
 
     Pieces that all rivals show, from drift or moved things, tell nothing between them.

@@ -9,7 +9,9 @@ from ..._runtime.placement import to_device
 from ...maps.prepared import PreparedMap, sample_rows
 from ...ops.evidence.align import align_poses
 from ...ops.evidence.scoring import surface_evidence
+from ..hypotheses.proposals import Proposals
 from ..hypotheses.ranking import COARSE_CONFLICT_WEIGHT, distinct_poses, inverse_poses, rank_poses
+from .settings import LeaderConfig
 
 CONFLICT_WEIGHT = 6.0
 """How many hits a conflict outweighs; anything from 3 to 10 served in trials."""
@@ -42,6 +44,10 @@ class Judgement(NamedTuple):
     def score(self, conflict_weight: float = CONFLICT_WEIGHT) -> np.ndarray:
         """Hits minus weighted conflicts, at most 1."""
         return self.hits - conflict_weight * self.conflicts
+
+    def take(self, rows: np.ndarray) -> "Judgement":
+        """The evidence of some of the poses."""
+        return Judgement(*(part[rows] for part in self))
 
 
 def judge_poses(
@@ -122,27 +128,33 @@ class Leaders(NamedTuple):
     Attributes:
         poses: float32 (k, 4, 4) `T_a_b`.
         judgement: Evidence over all voxels.
-        rows: (k,) the hypothesis that each came from.
+        sources: Name of the source of each pose.
     """
 
     poses: np.ndarray
     judgement: Judgement
-    rows: np.ndarray
+    sources: tuple[str, ...]
+
+    def take(self, rows: np.ndarray) -> "Leaders":
+        """Some of the leaders, in the order given."""
+        return Leaders(self.poses[rows], self.judgement.take(rows), tuple(self.sources[row] for row in rows))
 
 
 def find_leaders(
     a: PreparedMap,
     b: PreparedMap,
-    poses: Float[np.ndarray, "k 4 4"],
-    *,
-    num_ranked: int = 512,
-    num_refined: int = 64,
-    num_leaders: int = 12,
+    proposals: Proposals,
+    settings: LeaderConfig,
 ) -> Leaders:
-    """Rank, refine, and rank again.
+    """Rank proposals, refine the better ones, and rank again; no leader where nothing was proposed.
 
     Unrefined poses are judged at a coarse tolerance, because ranking them as if they were final loses right ones.
     """
+    poses, sources = proposals.poses, proposals.sources
+    if len(poses) == 0:
+        nothing = np.zeros(0)
+        judgement = Judgement(nothing, nothing, nothing, np.zeros((0, 3, 3)), nothing, nothing)
+        return Leaders(poses, judgement, ())
     voxel = a.grid.voxel_size
     centroid = np.asarray(b.centroid, np.float64)
 
@@ -151,42 +163,41 @@ def find_leaders(
             poses, scores, centroid, metres=voxels * voxel, degrees=degrees, max_count=count
         )
 
-    rows = best(poses, rank_poses(a, b, poses), 2.0, 1.5, num_ranked)
+    rows = best(poses, rank_poses(a, b, poses), 2.0, 1.5, settings.num_ranked)
     coarse = judge_poses(a, b, poses[rows], num_points=1024, is_coarse=True)
-    rows = rows[best(poses[rows], coarse.score(COARSE_CONFLICT_WEIGHT), 2.0, 1.5, num_refined)]
+    rows = rows[best(poses[rows], coarse.score(COARSE_CONFLICT_WEIGHT), 2.0, 1.5, settings.num_refined)]
     refined = refine_poses(a, b, poses[rows], num_points=1024, num_steps=15)
     kept = best(
         refined,
         judge_poses(a, b, refined, num_points=4096).score(),
         DISTINCT_VOXELS,
         DISTINCT_DEGREES,
-        num_leaders,
+        settings.num_leaders,
     )
     rows, refined = rows[kept], refined[kept]
     refined = refine_poses(
         a, b, refined, num_points=8192, num_steps=12, start_distance=2.5, final_distance=1.0
     )
     judgement = judge_poses(a, b, refined, num_points=None)
-    kept = best(refined, judgement.score(), DISTINCT_VOXELS, DISTINCT_DEGREES, num_leaders)
-    return Leaders(refined[kept], Judgement(*(part[kept] for part in judgement)), rows[kept])
+    kept = best(refined, judgement.score(), DISTINCT_VOXELS, DISTINCT_DEGREES, settings.num_leaders)
+    return Leaders(refined, judgement, tuple(sources[row] for row in rows)).take(kept)
 
 
 def merge_leaders(
-    a: PreparedMap, b: PreparedMap, first: Leaders, second: Leaders, *, num_leaders: int
-) -> tuple[Leaders, np.ndarray]:
-    """The best distinct poses of two sets of leaders.
-
-    Returns:
-        Leaders (their `rows` still count within the set each came from), and their rows in both sets, one after the
-        other.
-    """
-    poses = np.concatenate([first.poses, second.poses])
-    judgement = Judgement(
-        *(np.concatenate(parts) for parts in zip(first.judgement, second.judgement, strict=True))
+    a: PreparedMap, b: PreparedMap, first: Leaders, second: Leaders, settings: LeaderConfig
+) -> Leaders:
+    """The best distinct poses of two sets of leaders."""
+    both = Leaders(
+        np.concatenate([first.poses, second.poses]),
+        Judgement(*map(np.concatenate, zip(first.judgement, second.judgement, strict=True))),
+        (*first.sources, *second.sources),
     )
     chosen = distinct_poses(
-        poses, judgement.score(), np.asarray(b.centroid, np.float64), metres=DISTINCT_VOXELS * a.grid.voxel_size,
-        degrees=DISTINCT_DEGREES, max_count=num_leaders,
-    )  # fmt: skip
-    rows = np.concatenate([first.rows, second.rows])[chosen]
-    return Leaders(poses[chosen], Judgement(*(part[chosen] for part in judgement)), rows), chosen
+        both.poses,
+        both.judgement.score(),
+        np.asarray(b.centroid, np.float64),
+        metres=DISTINCT_VOXELS * a.grid.voxel_size,
+        degrees=DISTINCT_DEGREES,
+        max_count=settings.num_leaders,
+    )
+    return both.take(chosen)

@@ -18,8 +18,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ..types import Verdict
-from .conflict_pieces import RIVAL_WEIGHT, evidence, rivals
+from .conflict_pieces import RIVAL_WEIGHT, net_scores, rivals
 from .leaders import Judgement
+from .settings import VerdictConfig
 
 
 class Coefficients(NamedTuple):
@@ -53,11 +54,13 @@ class Finding(NamedTuple):
         verdict: "accepted", "ambiguous" or "no_overlap".
         confidence: Probability that the first pose is right.
         reason: One sentence.
+        none: Probability that no leader is right.
     """
 
     verdict: Verdict
     confidence: float
     reason: str
+    none: float
 
 
 def support(judgement: Judgement) -> np.ndarray:
@@ -77,7 +80,7 @@ def probabilities(judgement: Judgement, *, has_free_space: bool) -> np.ndarray:
     utility = utility + weight.support * np.log(np.maximum(support(judgement), LEAST_SUPPORT))
     is_rival = rivals(judgement)
     if has_free_space and is_rival.any():
-        within = np.where(is_rival, np.maximum(evidence(judgement), 0.0) ** RIVAL_WEIGHT, 0.0)
+        within = np.where(is_rival, np.maximum(net_scores(judgement), 0.0) ** RIVAL_WEIGHT, 0.0)
         with np.errstate(divide="ignore"):
             shared = np.max(utility[is_rival]) + np.log(within / within.sum())
         utility = np.where(is_rival, shared, utility)
@@ -87,72 +90,62 @@ def probabilities(judgement: Judgement, *, has_free_space: bool) -> np.ndarray:
 
 
 def decide(
-    judgement: Judgement,
-    *,
-    has_free_space: bool,
-    is_inferred: bool = False,
-    min_confidence: float,
-    min_confidence_beside_rivals: float,
-    max_conflict: float,
-    min_support: float,
-    max_pieces: float,
+    judgement: Judgement, settings: VerdictConfig, *, has_free_space: bool, is_inferred: bool = False
 ) -> Finding:
     """Decide about the first pose of a judgement whose poses are distinct and best first.
 
     Args:
         judgement: Evidence of the leaders.
+        settings: What an accepted pose must reach.
         has_free_space: Whether both maps know free space.
         is_inferred: Whether free space of a map was inferred (`inferred_space`), which the reason mentions.
-        min_confidence: Least probability of an accepted pose.
-        min_confidence_beside_rivals: The same where free space must decide between poses that score alike.
-        max_conflict: Largest share of conflicts, of the voxels that hit or conflict, of an accepted pose.
-        min_support: Least agreement along the worst direction of an accepted pose.
-        max_pieces: Largest area of conflicts that hang together, as a share of the surface that agrees, of a pose that
-            is accepted beside rivals: where the true pose is not among them, the cleanest of them is still unclean.
     """
     if len(judgement.hits) == 0:
-        return Finding("no_overlap", 0.0, "No source proposed a pose: the maps have too little structure.")
+        return Finding(
+            "no_overlap", 0.0, "No source proposed a pose: the maps have too little structure.", 1.0
+        )
     chance = probabilities(judgement, has_free_space=has_free_space)
     none, confidence = float(chance[0]), float(chance[1])
-    scores = evidence(judgement)
     conflict = float(judgement.conflicts[0] / max(judgement.hits[0] + judgement.conflicts[0], 1e-9))
+    shown = _shown(judgement, conflict, has_free_space=has_free_space, is_inferred=is_inferred)
+    if net_scores(judgement)[0] <= 0.0 or none > max(0.5, confidence):
+        return Finding("no_overlap", confidence, f"No pose is supported by the maps: at best {shown}.", none)
+    if conflict > settings.max_conflict:
+        reason = f"Occupied and free space contradict each other too often: {shown}."
+        return Finding("ambiguous", min(confidence, 0.5), reason, none)
+    if support(judgement)[0] < settings.min_support:
+        reason = f"The best pose can slide along a direction that no surface fixes: {shown}."
+        return Finding("ambiguous", min(confidence, 0.5), reason, none)
+    is_contested = bool(rivals(judgement)[1:].any())
+    if is_contested and judgement.pieces[0] > settings.max_pieces * judgement.shared[0]:
+        reason = (
+            f"The best of several poses sets whole pieces of one map into free space of the other: {shown}."
+        )
+        return Finding("ambiguous", confidence, reason, none)
+    needed = settings.min_confidence
+    if is_contested and has_free_space:
+        needed = settings.min_confidence_beside_rivals
+    if confidence >= needed:
+        reason = f"One pose stands out: {shown}; probability {confidence:.3f}."
+        return Finding("accepted", confidence, reason, none)
+    return Finding("ambiguous", confidence, _why_unsure(chance, shown), none)
+
+
+def _shown(judgement: Judgement, conflict: float, *, has_free_space: bool, is_inferred: bool) -> str:
+    """What speaks for the first pose and against it, and where the free space is from."""
     shown = f"{100 * judgement.hits[0]:.0f} % of the surfaces agree, {100 * conflict:.1f} % of what meets conflicts"
     if not has_free_space:
-        shown += ", free space unknown"
-    elif is_inferred:
-        shown += ", free space inferred from what encloses it"
-    if scores[0] <= 0.0 or none > max(0.5, confidence):
-        return Finding("no_overlap", confidence, f"No pose is supported by the maps: at best {shown}.")
-    if conflict > max_conflict:
-        return Finding(
-            "ambiguous",
-            min(confidence, 0.5),
-            f"Occupied and free space contradict each other too often: {shown}.",
-        )
-    if support(judgement)[0] < min_support:
-        return Finding(
-            "ambiguous", min(confidence, 0.5),
-            f"The best pose can slide along a direction that no surface fixes: {shown}.",
-        )  # fmt: skip
-    is_contested = bool(rivals(judgement)[1:].any())
-    if is_contested and judgement.pieces[0] > max_pieces * judgement.shared[0]:
-        return Finding(
-            "ambiguous", confidence,
-            f"The best of several poses sets whole pieces of one map into free space of the other: {shown}.",
-        )  # fmt: skip
-    is_contested = is_contested and has_free_space
-    if confidence >= (min_confidence_beside_rivals if is_contested else min_confidence):
-        return Finding(
-            "accepted", confidence,
-            f"One pose stands out: {shown}; probability {confidence:.3f}.",
-        )  # fmt: skip
-    rival = float(chance[2:].max()) if len(chance) > 2 else 0.0
+        return f"{shown}, free space unknown"
+    return f"{shown}, free space inferred from what encloses it" if is_inferred else shown
+
+
+def _why_unsure(chance: np.ndarray, shown: str) -> str:
+    """Whether another pose or no pose at all is the likeliest way in which the first pose could be wrong."""
+    none, confidence = chance[0], chance[1]
+    rival = chance[2:].max(initial=0.0)
     if rival > none:
-        return Finding(
-            "ambiguous", confidence,
-            f"Another pose explains the maps almost as well (probability {rival:.2f}, not {confidence:.2f}): {shown}.",
-        )  # fmt: skip
-    return Finding(
-        "ambiguous", confidence,
-        f"The maps agree too little to be sure of a pose (probability {confidence:.2f}): {shown}.",
-    )  # fmt: skip
+        return (
+            "Another pose explains the maps almost as well "
+            f"(probability {rival:.2f}, not {confidence:.2f}): {shown}."
+        )
+    return f"The maps agree too little to be sure of a pose (probability {confidence:.2f}): {shown}."

@@ -2,13 +2,10 @@
 
 import itertools
 
-import networkx as nx
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from fake_register import FakeRegister, cube_map, fake_features, pose, registration
+from fake_register import FakeRegister, cube_map, fake_features, pose
 from voxjax import InputError, VoxelGrid, merge
 from voxjax.pipeline import many
 
@@ -74,56 +71,6 @@ def test_the_largest_part_is_merged_and_its_lowest_map_is_the_world(monkeypatch,
     _assert_is(merged.poses[4], _relative(2, 4))
 
 
-def test_of_equal_parts_the_one_with_the_lowest_map_is_merged():
-    pairs = [(2, 3, registration(np.eye(4), confidence=0.99)), (0, 1, registration(np.eye(4)))]
-    assert [edge[:2] for edge in many.spanning_tree(4, pairs)] == [(0, 1)]
-
-
-def test_the_tree_avoids_the_weak_pair_and_reports_how_far_it_is_off(maps):
-    wrong = _relative(0, 1) @ pose(0.0, (3.0, 0.0, 0.0))
-    pairs = [
-        (0, 1, registration(wrong, confidence=0.6)),
-        (0, 2, registration(_relative(0, 2), confidence=0.9)),
-        (1, 2, registration(_relative(1, 2), confidence=0.8)),
-    ]
-    tree = many.spanning_tree(3, pairs)
-    poses = many.chain_poses(3, tree)
-    _assert_is(poses[1], _relative(0, 1))
-    (loop,) = many.loop_errors(maps[:3], poses, pairs, tree)
-    assert (loop.a, loop.b) == (0, 1)
-    assert loop.metres == pytest.approx(3.0, abs=1e-4)
-    assert loop.radians == pytest.approx(0.0, abs=1e-3)
-
-
-@given(data=st.data(), num_maps=st.integers(2, 7))
-@settings(max_examples=60, deadline=None)
-def test_the_tree_is_the_maximum_spanning_tree_of_its_part(data, num_maps):
-    edges = data.draw(
-        st.lists(st.sampled_from(list(itertools.combinations(range(num_maps), 2))), unique=True)
-    )
-    confidences = data.draw(st.permutations([(n + 1) / 64 for n in range(len(edges))]))
-    weighted = [(a, b, c) for (a, b), c in zip(edges, confidences, strict=True)]
-    pairs = [(a, b, registration(np.eye(4), confidence=c)) for a, b, c in weighted]
-    tree = many.spanning_tree(num_maps, pairs)
-    shuffled = many.spanning_tree(num_maps, data.draw(st.permutations(pairs)))
-    assert sorted(e[:2] for e in tree) == sorted(e[:2] for e in shuffled)
-    graph = nx.Graph()
-    graph.add_nodes_from(range(num_maps))
-    graph.add_weighted_edges_from(weighted)
-    part = max(nx.connected_components(graph), key=lambda nodes: (len(nodes), -min(nodes)))
-    expected = nx.maximum_spanning_tree(graph.subgraph(part))
-    assert {e[:2] for e in tree} == {tuple(sorted(e)) for e in expected.edges}
-
-
-def test_ties_of_confidence_are_settled_by_evidence():
-    pairs = [
-        (0, 1, registration(np.eye(4), score=0.2)),
-        (0, 2, registration(np.eye(4), score=0.4)),
-        (1, 2, registration(np.eye(4), score=0.3)),
-    ]
-    assert [edge[:2] for edge in many.spanning_tree(3, pairs)] == [(0, 2), (1, 2)]
-
-
 @pytest.mark.parametrize("preset", ["default", "paper"])
 def test_options_reach_every_pair_and_stages_are_named(monkeypatch, maps, preset):
     fake = FakeRegister(maps, WORLD).install(monkeypatch)
@@ -141,11 +88,11 @@ def test_features_are_computed_once_a_map(monkeypatch, maps):
     FakeRegister(maps, WORLD).install(monkeypatch)
     prepared = []
 
-    def prepare(grid, *, voxel_size, infer_free_space):
+    def features_at(grid, *, voxel_size, infer_free_space):
         prepared.append(voxel_size)
         return fake_features(grid, voxel_size=voxel_size, infer_free_space=infer_free_space)
 
-    monkeypatch.setattr(many, "prepare", prepare)
+    monkeypatch.setattr(many, "features_at", features_at)
     merge(maps)
     assert prepared == [0.5] * len(maps)
 
