@@ -159,11 +159,96 @@ def test_a_grid_passes_through_jit_with_its_voxel_size_static():
         ((np.zeros((2, 2, 2), np.uint8), np.zeros(3), 0.0), "voxel_size"),
         ((np.zeros((2, 2, 2), np.uint8), np.zeros(3), float("inf")), "voxel_size"),
         ((np.zeros((2, 2, 2), np.uint8), np.zeros(3), 0.1, np.zeros((2, 2, 1))), "log_odds"),
+        ((np.zeros((2, 2, 2), np.uint8), [0, 1e300, 0], 0.1), "origin must be finite"),
+        ((np.zeros((2, 2, 2), np.uint8), [0, 1e13, 0], 0.1), "within 1e[+]12 m"),
+        ((np.zeros((2, 2, 2), np.uint8), ["a", "b", "c"], 0.1), "origin must be an array of numbers"),
+        ((np.zeros((2, 2, 2), np.uint8), np.zeros(3), 1e-300), "between 1e-12 and 1e[+]12 m"),
+        ((np.zeros((2, 2, 2), np.uint8), np.zeros(3), 9e11), "reach beyond"),
+        ((np.zeros((1, 1, 2), np.uint8), np.zeros(3), 0.1, [[[0.0, np.nan]]]), "log_odds must be finite"),
+        ((np.zeros((1, 1, 2), np.uint8), np.zeros(3), 0.1, [[[0.0, -np.inf]]]), "log_odds must be finite"),
+        ((np.zeros((1, 1, 2), np.uint8), np.zeros(3), 0.1, [[[0.0, 1e39]]]), "log_odds must be finite"),
+        (([[[0], [0, 1]]], np.zeros(3), 0.1), "states must be an array"),
     ],
 )
 def test_misuse_is_refused_in_one_sentence(arguments, sentence):
     with pytest.raises(InputError, match=sentence):
         VoxelGrid(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("states", "origin", "log_odds", "sentence"),
+    [
+        ([[[7]]], [0.0, 0.0, 0.0], None, "states must be .* got 7"),
+        ([[[1]]], [0.0, np.nan, 0.0], None, "origin must be finite"),
+        ([[[1]]], [0.0, 0.0, np.inf], None, "origin must be finite"),
+        ([[[1]]], [0.0, 0.0, 0.0], [[[np.nan]]], "log_odds must be finite"),
+        ([[[1]]], [0.0, 0.0, 0.0], [[[np.inf]]], "log_odds must be finite"),
+    ],
+)
+def test_device_arrays_are_checked_as_those_of_the_host_are(states, origin, log_odds, sentence):
+    odds = None if log_odds is None else jnp.asarray(log_odds, jnp.float32)
+    with pytest.raises(InputError, match=sentence):
+        VoxelGrid(jnp.asarray(states, jnp.uint8), jnp.asarray(origin, jnp.float32), 0.1, odds)
+
+
+def test_the_dtype_of_device_arrays_is_checked_also_while_they_are_traced():
+    with pytest.raises(InputError, match="must be uint8"):
+        VoxelGrid(jnp.ones((2, 2, 2), jnp.int32), np.zeros(3), 0.1)
+    with pytest.raises(InputError, match="must be uint8"):
+        jax.eval_shape(lambda s: VoxelGrid(s, np.zeros(3), 0.1), jnp.ones((2, 2, 2), jnp.int32))
+    assert VoxelGrid(np.ones((2, 2, 2), np.uint8), jnp.ones(3, jnp.int32), 0.1).origin.dtype == np.float32
+
+
+def test_arrays_that_lie_on_several_devices_are_checked_where_they_lie():
+    mesh = jax.make_mesh((2,), ("x",))
+    place = jax.NamedSharding(mesh, jax.P("x"))
+    states = jax.device_put(np.array([[[1]], [[9]]], np.uint8), place)
+    with pytest.raises(InputError, match="got 9"):
+        VoxelGrid(states, np.zeros(3), 0.1)
+    assert VoxelGrid(jnp.minimum(states, jnp.uint8(2)), np.zeros(3), 0.1).shape == (2, 1, 1)
+
+
+def test_large_finite_log_odds_are_kept():
+    odds = np.full((2, 2, 2), 3e38, np.float32)  # their sum overflows
+    assert VoxelGrid(np.ones((2, 2, 2), np.uint8), np.zeros(3), 0.1, odds).log_odds is odds
+
+
+@pytest.mark.parametrize("voxel_size", [1e-9, 1e-11])
+def test_a_resolution_for_which_no_memory_suffices_is_refused_before_the_work(voxel_size):
+    with pytest.raises(InputError, match=r"new voxel size .*; choose a larger voxel size"):
+        make_grid().with_voxel_size(voxel_size)
+    with pytest.raises(InputError, match="give a larger voxel_size"):
+        VoxelGrid.from_points([[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]], voxel_size=voxel_size)
+
+
+def test_the_memory_that_is_left_bounds_the_resolution(monkeypatch):
+    monkeypatch.setenv("VOXJAX_MEMORY", "0.001")
+    points = [[0.0, 0.0, 0.0], [1.0, 2.0, 3.0]]
+    assert VoxelGrid.from_points(points, voxel_size=0.05).shape == (21, 41, 61)
+    with pytest.raises(InputError, match=r"needs about 0\.00611 GB of memory"):
+        VoxelGrid.from_points(points, voxel_size=0.01)
+    with pytest.raises(InputError, match=r"new voxel size.* GB of memory"):
+        make_grid(with_log_odds=True).with_voxel_size(0.01)
+
+
+@pytest.mark.parametrize("far", [1e13, np.nan, np.inf])
+def test_points_without_an_index_are_refused(far):
+    with pytest.raises(InputError, match="points must be finite and within"):
+        make_grid().index_from_world(np.array([[0.0, far, 0.0]]))
+    with pytest.raises(InputError, match=r"points must be finite and within|more than 2"):
+        VoxelGrid.from_points([[0.0, far, 0.0]], voxel_size=0.1)
+
+
+def test_motions_that_go_too_far_are_refused():
+    T = np.eye(4)
+    for distance in (1e13, 1e30, 1e300):
+        T[0, 3] = distance
+        with pytest.raises(InputError, match="T must move by less than"):
+            make_grid().transformed(T)
+    T[0, 3] = 1e11
+    fine = VoxelGrid(np.full((1, 1, 1), 2, np.uint8), np.zeros(3), 1e-6)
+    with pytest.raises(InputError, match="check its pose"):
+        fine.transformed(T)
 
 
 def test_motions_that_are_not_rigid_are_refused():

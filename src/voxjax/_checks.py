@@ -4,32 +4,61 @@ import math
 
 import numpy as np
 
+LARGEST_LENGTH = 1e12
+"""Longest distance [m], and the inverse of the shortest voxel: their cubes are still numbers of float32."""
+
 
 class InputError(ValueError):
     """An input that voxjax cannot use; the message is one sentence for the person who gave it."""
 
 
-def check_positive(name: str, value: float, unit: str = "") -> float:
+def shown(value: object) -> str:
+    """The value as a message quotes it: on one line, and cut where it is long."""
+    try:
+        text = " ".join(repr(value).split())
+    except ValueError:  # a whole number of more digits than Python prints
+        return f"a {type(value).__name__} that is too long to show"
+    return text if len(text) <= 120 else f"{text[:80]} ... {text[-30:]}"
+
+
+def check_positive(name: str, value: object, unit: str = "") -> float:
     """Return `value` as a float if it is finite and above zero.
 
     Raises:
         InputError: If it is not.
     """
-    number = float(value)
+    number = _number(value)
     if not (math.isfinite(number) and number > 0.0):
-        raise InputError(f"{name} must be a finite number above 0{unit and f' [{unit}]'}, got {value!r}.")
+        raise InputError(
+            f"{name} must be a finite number above 0{unit and f' [{unit}]'}, got {shown(value)}."
+        )
     return number
 
 
-def check_odd_window(name: str, size: int) -> int:
+def check_voxel_size(value: object, name: str = "voxel_size") -> float:
+    """Return the edge length of a voxel [m] as a float.
+
+    Raises:
+        InputError: If it is no finite number above zero, or one whose cube float32 cannot hold.
+    """
+    size = check_positive(name, value, "m")
+    if not 1 / LARGEST_LENGTH <= size <= LARGEST_LENGTH:
+        raise InputError(
+            f"{name} must lie between {1 / LARGEST_LENGTH:g} and {LARGEST_LENGTH:g} m, got {shown(value)}."
+        )
+    return size
+
+
+def check_odd_window(name: str, size: object) -> int:
     """Return `size` if it is an odd number of voxels, at least 1.
 
     Raises:
         InputError: If it is not.
     """
-    if isinstance(size, bool) or int(size) != size or size < 1 or size % 2 == 0:
-        raise InputError(f"{name} must be an odd whole number of voxels, 1 or more, got {size!r}.")
-    return int(size)
+    number = _number(size)
+    if isinstance(size, bool) or not (math.isfinite(number) and number >= 1 and number % 2 == 1):
+        raise InputError(f"{name} must be an odd whole number of voxels, 1 or more, got {shown(size)}.")
+    return int(number)
 
 
 def check_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
@@ -38,22 +67,26 @@ def check_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
     Raises:
         InputError: If it is not one of them.
     """
-    if value not in choices:
-        raise InputError(f"{name} must be one of {', '.join(map(repr, choices))}, got {value!r}.")
+    if not isinstance(value, str) or value not in choices:
+        raise InputError(f"{name} must be one of {', '.join(map(repr, choices))}, got {shown(value)}.")
 
 
 def check_pose(name: str, T: object) -> np.ndarray:
-    """Return `T` as a float32 (4, 4) rigid transform.
+    """Return `T`, on host or device, as a float32 (4, 4) rigid transform.
 
     Raises:
-        InputError: If the shape, the last row or the rotation is wrong.
+        InputError: If the shape, the last row or the rotation is wrong, or it moves farther than float32 can square.
     """
-    matrix = np.asarray(T, dtype=np.float64)
+    try:
+        matrix = np.asarray(T, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must be a (4, 4) matrix of numbers, got {shown(T)}.") from error
     if matrix.shape != (4, 4):
         raise InputError(f"{name} must be a (4, 4) matrix, got shape {matrix.shape}.")
     rotation = matrix[:3, :3]
     rigid = (
         np.isfinite(matrix).all()
+        and np.abs(rotation).max() < 2.0  # larger entries are no rotation's, and their products may overflow
         and np.allclose(matrix[3], (0.0, 0.0, 0.0, 1.0), atol=1e-6)
         and np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-3)
         and np.linalg.det(rotation) > 0.0
@@ -62,4 +95,18 @@ def check_pose(name: str, T: object) -> np.ndarray:
         raise InputError(
             f"{name} must be a rigid transform (rotation, translation, last row 0 0 0 1), got {matrix.tolist()}."
         )
+    if np.abs(matrix[:3, 3]).max() > LARGEST_LENGTH:
+        raise InputError(
+            f"{name} must move by less than {LARGEST_LENGTH:g} m along each axis, got {matrix[:3, 3].tolist()}."
+        )
     return matrix.astype(np.float32)
+
+
+def _number(value: object) -> float:
+    """The value as a float; NaN where it is no single number."""
+    if isinstance(value, (str, bytes)):
+        return math.nan
+    try:
+        return float(value)  # pyright: ignore[reportArgumentType]
+    except (TypeError, ValueError, OverflowError):
+        return math.nan

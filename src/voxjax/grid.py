@@ -12,8 +12,13 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
-from ._checks import InputError, check_pose, check_positive
+from ._checks import InputError, check_pose, check_voxel_size, shown
+from ._grid_arrays import as_float32, as_states, check_log_odds, check_origin, check_states
 from ._types import FREE, OCCUPIED, UNKNOWN, Array
+from .ops.resampling.lattice import origin_in_voxels
+from .ops.resampling.raycast import grid_from_points
+from .ops.resampling.rescale import rescale_states
+from .ops.resampling.rigid import resample_rigid
 
 if TYPE_CHECKING:
     from jaxtyping import Float32, UInt8
@@ -35,23 +40,26 @@ class VoxelGrid(eqx.Module):
     voxel_size: float = eqx.field(static=True)
 
     def __init__(self, states: object, origin: object, voxel_size: float, log_odds: object = None):
-        """Check and convert; arrays of the right dtype are kept as they are, on host or device."""
-        self.states = _as_dtype("states", states, np.uint8)
-        self.origin = _as_dtype("origin", origin, np.float32)
-        self.log_odds = None if log_odds is None else _as_dtype("log_odds", log_odds, np.float32)
-        self.voxel_size = check_positive("voxel_size", voxel_size, "m")
+        """Check and convert; arrays of the right dtype are kept as they are, on host or device.
+
+        What JAX traces is checked for its shape alone: its values are not known yet.
+        """
+        self.states = as_states(states)
+        self.origin = as_float32("origin", origin)
+        self.log_odds = None if log_odds is None else as_float32("log_odds", log_odds)
+        self.voxel_size = check_voxel_size(voxel_size)
         if self.states.ndim != 3:
             raise InputError(f"states must have three axes (x, y, z), got shape {self.states.shape}.")
-        if isinstance(self.states, np.ndarray) and self.states.size and self.states.max() > OCCUPIED:
-            raise InputError(f"states must be 0 unknown, 1 free or 2 occupied, got {self.states.max()}.")
         if self.origin.shape != (3,):
             raise InputError(f"origin must have shape (3,), got {self.origin.shape}.")
-        if isinstance(self.origin, np.ndarray) and not np.isfinite(self.origin).all():
-            raise InputError(f"origin must be finite numbers [m], got {self.origin.tolist()}.")
         if self.log_odds is not None and self.log_odds.shape != self.states.shape:
             raise InputError(
                 f"log_odds must have the shape of states {self.states.shape}, got {self.log_odds.shape}."
             )
+        check_states(self.states)
+        check_origin(self.origin, self.states.shape, self.voxel_size)
+        if self.log_odds is not None:
+            check_log_odds(self.log_odds)
 
     @classmethod
     def from_points(
@@ -72,14 +80,12 @@ class VoxelGrid(eqx.Module):
             max_range: Rays longer than this [m] free space up to it and occupy nothing.
 
         Raises:
-            InputError: If the cloud is not (n, 3) finite numbers, or would need an impossible number of
-                voxels.
+            InputError: If the cloud is not (n, 3) finite numbers, or would need more voxels than memory has room
+                for.
         """
-        from .ops.resampling.raycast import grid_from_points
-
         states, origin = grid_from_points(
             points,
-            voxel_size=check_positive("voxel_size", voxel_size, "m"),
+            voxel_size=voxel_size,
             sensor_origins=sensor_origins,
             max_range=max_range,
         )
@@ -130,8 +136,16 @@ class VoxelGrid(eqx.Module):
         return (np.asarray(self.origin, np.float64) + offset).astype(np.float32)
 
     def index_from_world(self, points: Float[Array, "*n 3"]) -> np.ndarray:
-        """Indices int32 of the voxels that hold the points [m]; may lie outside the grid."""
+        """Indices int32 of the voxels that hold the points [m]; may lie outside the grid.
+
+        Raises:
+            InputError: If a point is not finite, or more than 2**31 voxels away.
+        """
         offset = (np.asarray(points, np.float64) - np.asarray(self.origin, np.float64)) / self.voxel_size
+        if not (np.abs(offset) < 2.0**31).all():
+            raise InputError(
+                f"points must be finite and within 2**31 voxels of the origin, got {shown(np.asarray(points))}."
+            )
         return np.floor(offset).astype(np.int32)
 
     def crop_to_known(self, margin: int = 0) -> VoxelGrid:
@@ -158,15 +172,14 @@ class VoxelGrid(eqx.Module):
     def with_voxel_size(self, voxel_size: float) -> VoxelGrid:
         """The same map at another resolution, on the lattice of multiples of `voxel_size`.
 
-        Coarser: a voxel is occupied if any of its parts is, else free if any part is free, and has the
-            highest
-        of their log-odds. Finer: voxels are split. The ratio may be any number: each fine voxel goes where
-        its centre lies.
-        """
-        from .ops.resampling.lattice import origin_in_voxels
-        from .ops.resampling.rescale import rescale_states
+        Coarser: a voxel is occupied if any of its parts is, else free if any part is free, and has the highest of
+        their log-odds. Finer: voxels are split. The ratio may be any number: each fine voxel goes where its centre
+        lies.
 
-        voxel_size = check_positive("voxel_size", voxel_size, "m")
+        Raises:
+            InputError: If `voxel_size` is no length above zero, or so small that the memory does not suffice.
+        """
+        voxel_size = check_voxel_size(voxel_size)
         cell = origin_in_voxels(np.asarray(self.origin), voxel_size)
         if voxel_size == self.voxel_size and (cell == np.rint(cell)).all():
             return self
@@ -186,8 +199,6 @@ class VoxelGrid(eqx.Module):
         whole multiple of the voxel size; under the 24 rotations of the cube the whole grid is kept, under
         others the box around what is known.
         """
-        from .ops.resampling.rigid import resample_rigid
-
         states, origin, log_odds = resample_rigid(
             np.asarray(self.states),
             np.asarray(self.origin),
@@ -230,15 +241,3 @@ class VoxelGrid(eqx.Module):
         box = " ".join(f"{axis} {a:.2f}..{b:.2f}" for axis, a, b in zip("xyz", low, high, strict=True))
         odds = ", with log-odds" if self.log_odds is not None else ""
         return f"VoxelGrid({size} voxels of {self.voxel_size:g} m, {box} m, {shares}{odds})"
-
-
-def _as_dtype(name: str, value: object, dtype: type) -> Array:
-    """`value` with the dtype; host data becomes NumPy, device arrays and tracers stay."""
-    if hasattr(value, "aval") or type(value) is object:  # a tracer, or a placeholder while JAX unflattens
-        return value  # pyright: ignore[reportReturnType]
-    if hasattr(value, "devices") and getattr(value, "dtype", None) == dtype:
-        return value  # pyright: ignore[reportReturnType]
-    array = np.asarray(value)
-    if array.dtype != dtype and name == "states":
-        raise InputError(f"states must be uint8 with 0 unknown, 1 free, 2 occupied, got dtype {array.dtype}.")
-    return array.astype(dtype, copy=False)

@@ -166,6 +166,21 @@ def test_misuse_is_refused_in_one_sentence():
             call()
 
 
+@pytest.mark.parametrize("distance", [1e11, 1e20, 1e30, 1e300])
+@pytest.mark.parametrize("turn", [I, pose(0.4, (0.0, 0.0, 0.0))], ids=["straight", "turned"])
+@pytest.mark.parametrize("interpolation", ["nearest", "trilinear"])
+def test_a_pose_that_overflows_is_refused_and_no_map_is_left_out(distance, turn, interpolation):
+    grid, far = make_grid(with_log_odds=True), np.array(turn)
+    far[1, 3] = distance
+    with pytest.raises(InputError, match=r"check the poses|poses\[1\] must move by less than"):
+        vx.fuse([grid, grid], [I, far], interpolation=interpolation)
+    # So it is without another map, however small its voxels.
+    far[1, 3] = 1e11
+    fine = VoxelGrid(np.asarray(grid.states), np.zeros(3), 1e-6)
+    with pytest.raises(InputError, match="check its pose"):
+        vx.fuse([fine], [far])
+
+
 @pytest.mark.parametrize("rule", ["keep", "log_odds"])
 def test_a_fused_map_that_memory_will_not_hold_is_refused_before_it_is_made(monkeypatch, rule):
     near, far = VoxelGrid(np.ones((4, 4, 4), np.uint8), np.zeros(3), SIZE), np.eye(4)

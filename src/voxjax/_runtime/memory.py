@@ -27,7 +27,7 @@ def available_memory(root: Path = Path("/")) -> int | None:
     return max(min(bounds), 0) if bounds else None
 
 
-def check_memory(need: float, what: str, advice: str) -> None:
+def check_memory(need: float, what: str, advice: str, *, on_device: bool = True) -> None:
     """Raise if something needs more memory than there is.
 
     The environment variable `VOXJAX_MEMORY` overrides what there is: a number of gigabytes, or "off" for no check.
@@ -36,11 +36,12 @@ def check_memory(need: float, what: str, advice: str) -> None:
         need: Memory that it takes beside what is taken already [byte].
         what: What needs it, the subject of the sentence.
         advice: What to do instead.
+        on_device: Whether the work runs on the default device, whose memory then bounds it too.
 
     Raises:
         InputError: If there is less, or `VOXJAX_MEMORY` is neither.
     """
-    limit = memory_limit()
+    limit = memory_limit(on_device=on_device)
     if limit is not None and need > limit:
         raise InputError(
             f"{what} needs about {need / GIGABYTE:.3g} GB of memory and {limit / GIGABYTE:.3g} GB are available; "
@@ -48,8 +49,11 @@ def check_memory(need: float, what: str, advice: str) -> None:
         )
 
 
-def memory_limit() -> float | None:
+def memory_limit(*, on_device: bool = True) -> float | None:
     """Memory that work may take [byte]: what `VOXJAX_MEMORY` says, else what host and device have; None for no limit.
+
+    Args:
+        on_device: Whether the work needs the device's memory as well as the host's.
 
     Raises:
         InputError: If `VOXJAX_MEMORY` is no number of gigabytes above 0 and not "off".
@@ -59,7 +63,8 @@ def memory_limit() -> float | None:
         return None
     if setting:
         return _gigabytes(setting) * GIGABYTE
-    bounds = [bound for bound in (available_memory(), device_memory()) if bound is not None]
+    known = (available_memory(), device_memory() if on_device else None)
+    bounds = [bound for bound in known if bound is not None]
     return float(min(bounds)) if bounds else None
 
 

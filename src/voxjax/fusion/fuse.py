@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._checks import InputError, check_choice, check_pose, check_positive
+from .._checks import InputError, check_choice, check_pose, check_voxel_size
 from .._runtime.memory import check_memory
 from ..grid import VoxelGrid
 from ..ops.resampling.lattice import check_num_voxels, moved_bounds, origin_of_cell
@@ -69,7 +69,7 @@ def fuse(
     check_choice("rule", rule, RULES)
     if voxel_size is None:
         voxel_size = min(grid.voxel_size for grid in grids)
-    voxel_size = check_positive("voxel_size", voxel_size, "m")
+    voxel_size = check_voxel_size(voxel_size)
     grids = [grid.with_voxel_size(voxel_size) if grid.voxel_size < voxel_size else grid for grid in grids]
     bounds = _bounds(grids, matrices, voxel_size)
     found = _common_box(bounds)
@@ -125,7 +125,7 @@ def _chosen_lattice(grids: list[VoxelGrid], matrices: list, voxel_size: float | 
             "onto must be given where poses are traced by JAX (jit, grad, vmap): the shape of the result must be known."
         )
     size = min(grid.voxel_size for grid in grids) if voxel_size is None else voxel_size
-    size = check_positive("voxel_size", size, "m")
+    size = check_voxel_size(size)
     found = _common_box(_bounds([_coarsened(grid, size) for grid in grids], matrices, size))
     low, shape = (np.zeros(3, np.int64), np.ones(3, np.int64)) if found is None else found
     x, y, z = shape.tolist()

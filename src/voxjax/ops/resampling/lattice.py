@@ -1,7 +1,7 @@
 """The lattice of whole multiples of the voxel size, on which all resampled and fused grids lie."""
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, Real
 
 from ..._checks import InputError
 
@@ -26,7 +26,7 @@ def origin_of_cell(cell: Int[np.ndarray, "3"], voxel_size: float) -> Float[np.nd
     return (np.asarray(cell, np.float64) * voxel_size).astype(np.float32)
 
 
-def check_num_voxels(shape: Int[np.ndarray, "3"], what: str, advice: str, most: int = MAX_VOXELS) -> None:
+def check_num_voxels(shape: Real[np.ndarray, "3"], what: str, advice: str, most: int = MAX_VOXELS) -> None:
     """Raise if a dense grid of that shape has too many voxels.
 
     Raises:
@@ -34,7 +34,7 @@ def check_num_voxels(shape: Int[np.ndarray, "3"], what: str, advice: str, most: 
     """
     sides = [int(side) for side in shape]
     if sides[0] * sides[1] * sides[2] > most:
-        size = " x ".join(f"{side:,}" for side in sides)
+        size = " x ".join(f"{side:,}" if side < 1e12 else f"{side:.3g}" for side in sides)
         raise InputError(f"{what} would have {size} voxels, more than {most:,}; {advice}.")
 
 
@@ -60,6 +60,9 @@ def moved_bounds(
 
     Returns:
         Lowest cell and one past the highest, int64 (3,) each; equal when nothing is known.
+
+    Raises:
+        InputError: If the moved grid lies so far away that float64 tells its cells no longer apart.
     """
     matrix = np.asarray(T, np.float64)
     rotation = matrix[:3, :3]
@@ -73,10 +76,23 @@ def moved_bounds(
         return np.zeros(3, np.int64), np.zeros(3, np.int64)
     moved = ((centres + base) @ rotation.T) * voxel_size + matrix[:3, 3]
     reach = np.abs(rotation) @ half * voxel_size
-    low = (moved.min(axis=0) - reach) / target_voxel_size
-    high = (moved.max(axis=0) + reach) / target_voxel_size
+    low, high = moved.min(axis=0) - reach, moved.max(axis=0) + reach
+    _check_whole_cells(low, high, target_voxel_size)
     # A cell belongs to the box if its centre does.
-    return np.ceil(low - 0.5 - 1e-4).astype(np.int64), np.ceil(high - 0.5 + 1e-4).astype(np.int64)
+    return (
+        np.ceil(low / target_voxel_size - 0.5 - 1e-4).astype(np.int64),
+        np.ceil(high / target_voxel_size - 0.5 + 1e-4).astype(np.int64),
+    )
+
+
+def _check_whole_cells(low: np.ndarray, high: np.ndarray, voxel_size: float) -> None:
+    """Refuse a box [m] whose cells overflow: the cast to int64 would say that nothing is there."""
+    farthest = float(np.abs([low, high]).max())
+    if not farthest < 2.0**52 * voxel_size:
+        raise InputError(
+            f"a moved map would lie {farthest:.3g} m from the origin, too far for voxels of {voxel_size:g} m; check "
+            "its pose, or choose a larger voxel size."
+        )
 
 
 def _outermost_known(states: np.ndarray) -> Int[np.ndarray, "n 3"]:

@@ -13,12 +13,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float32, Int32, UInt8
 
-from ..._checks import InputError, check_positive
+from ..._checks import LARGEST_LENGTH, InputError, check_positive, check_voxel_size
 from ..._runtime.buckets import bucket_size, pad_rows
+from ..._runtime.memory import check_memory
 from ..._types import FREE, OCCUPIED, UNKNOWN, Array
 
 MAX_VOXELS = 2**30
 """Largest dense grid that is made from a cloud: 1 GiB of states, and flat indices fit int32."""
+
+_ADVICE = "give a larger voxel_size, or drop points far out (max_range cuts rays)"
 
 # Small work shares one shape: padding costs less than a compile.
 _SMALLEST_GRID, _SMALLEST_BATCH, _RAYS_PER_BATCH = 2**18, 512, 4096
@@ -175,7 +178,7 @@ def grid_from_points(
     Raises:
         InputError: If an argument has a wrong shape, is not finite, or the grid would have too many voxels.
     """
-    voxel_size = check_positive("voxel_size", voxel_size, "m")
+    voxel_size = check_voxel_size(voxel_size)
     cloud = _checked_points("points", points)
     if sensor_origins is None and max_range is not None:
         raise InputError(f"max_range needs sensor_origins, got max_range={max_range!r} without them.")
@@ -184,6 +187,7 @@ def grid_from_points(
     starts = cloud if sensor_origins is None else _checked_origins(sensor_origins, len(cloud))
     ends, is_hit = _cut_rays(starts, cloud, max_range)
     low, shape = _lattice_box(np.concatenate([starts, ends]), voxel_size)
+    _check_memory(shape, voxel_size, has_rays=sensor_origins is not None)
     states = np.full(shape, UNKNOWN, np.uint8)
     if sensor_origins is not None:
         states[crossed_voxels(starts / voxel_size - low, ends / voxel_size - low, shape)] = FREE
@@ -205,10 +209,11 @@ def _checked_points(name: str, points: object) -> np.ndarray:
         return np.zeros((0, 3))
     if cloud.ndim != 2 or cloud.shape[1] != 3:
         raise InputError(f"{name} must have shape (n, 3), one x, y, z [m] a row, got shape {cloud.shape}.")
-    num_bad = int(np.count_nonzero(~np.isfinite(cloud).all(axis=1)))
+    num_bad = int(np.count_nonzero(~(np.abs(cloud) <= LARGEST_LENGTH).all(axis=1)))  # NaN is not, too
     if num_bad:
         raise InputError(
-            f"{name} must be finite, but {num_bad} of {len(cloud)} rows are not; drop those rows."
+            f"{name} must be finite and within {LARGEST_LENGTH:g} m, but {num_bad} of {len(cloud)} rows are not; "
+            "drop those rows."
         )
     return cloud
 
@@ -242,15 +247,27 @@ def _cut_rays(starts: np.ndarray, ends: np.ndarray, max_range: float | None) -> 
     return np.where(is_hit[:, None], ends, starts + (ends - starts) * scale), is_hit
 
 
+def _check_memory(shape: tuple[int, int, int], voxel_size: float, *, has_rays: bool) -> None:
+    """Refuse a grid for which the memory does not suffice; rays take masks on the device and their copies beside it."""
+    num_voxels = shape[0] * shape[1] * shape[2]
+    what = f"a grid of {' x '.join(map(str, shape))} voxels of {voxel_size:g} m"
+    check_memory(num_voxels * (5.0 if has_rays else 1.0), what, _ADVICE, on_device=has_rays)
+
+
 def _lattice_box(places: np.ndarray, voxel_size: float) -> tuple[np.ndarray, tuple[int, int, int]]:
     """Lowest voxel index int64 (3,) and the shape of the smallest lattice box around places [m]."""
     low = np.floor(places.min(axis=0) / voxel_size)
     size = np.floor(places.max(axis=0) / voxel_size) - low + 1.0
     # float32 places and the int32 lattice end at about 2^31 voxels from zero, whatever the size of the box.
-    if float(np.prod(size)) > MAX_VOXELS or float(np.abs(low).max()) > 2**31:
+    if float(np.abs(low).max()) > 2**31:
+        raise InputError(
+            f"points lie up to {np.abs(places).max():.4g} m from zero, above 2**31 voxels of {voxel_size:g} m; "
+            f"{_ADVICE}."
+        )
+    if float(np.prod(size)) > MAX_VOXELS:
         extent = " x ".join(f"{length:.4g}" for length in size * voxel_size)
         raise InputError(
             f"points span {extent} m, which is {np.prod(size):.3g} voxels of {voxel_size:g} m, above the "
-            f"limit of {MAX_VOXELS}; give a larger voxel_size, or drop points far out (max_range cuts rays)."
+            f"limit of {MAX_VOXELS}; {_ADVICE}."
         )
     return low.astype(np.int64), (int(size[0]), int(size[1]), int(size[2]))

@@ -1,0 +1,109 @@
+"""The arrays of a `VoxelGrid`, on host or device: brought to their dtype, and their values checked.
+
+What JAX traces is asked for its dtype alone: its values are not known yet.
+"""
+
+from collections.abc import Iterator
+
+import jax
+import numpy as np
+from jax.core import Tracer
+
+from ._checks import LARGEST_LENGTH, InputError, shown
+from ._types import OCCUPIED, Array
+
+
+def as_states(value: object) -> Array:
+    """States as they are on a device, and as a NumPy array from anywhere else.
+
+    Raises:
+        InputError: If they are not uint8.
+    """
+    array = _as_array("states", value)
+    if not _is_placeholder(array) and array.dtype != np.uint8:
+        raise InputError(f"states must be uint8 with 0 unknown, 1 free, 2 occupied, got dtype {array.dtype}.")
+    return array
+
+
+def as_float32(name: str, value: object) -> Array:
+    """Numbers as float32; those on a device may also be wider, which gradients are checked with.
+
+    Raises:
+        InputError: If they are no numbers.
+    """
+    array = _as_array(name, value)
+    if _is_placeholder(array):
+        return array
+    if array.dtype.kind not in "fiub" and not jax.dtypes.issubdtype(array.dtype, np.floating):
+        raise InputError(f"{name} must be an array of numbers, got dtype {array.dtype}.")
+    if isinstance(array, jax.Array) and jax.dtypes.issubdtype(array.dtype, np.floating):
+        return array
+    with np.errstate(over="ignore"):  # what overflows becomes infinite, and is refused as such
+        return array if array.dtype == np.float32 else array.astype(np.float32)
+
+
+def _as_array(name: str, value: object) -> Array:
+    """Arrays of JAX as they are, all else as a NumPy array."""
+    if isinstance(value, jax.Array) or _is_placeholder(value):
+        return value  # pyright: ignore[reportReturnType]
+    try:
+        return np.asarray(value)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must be an array of numbers, got {shown(value)}.") from error
+
+
+def _is_placeholder(value: object) -> bool:
+    """Whether a field holds what JAX puts there while it takes trees apart and together."""
+    return type(value) is object
+
+
+def _host_parts(array: Array) -> Iterator[np.ndarray]:
+    """The values that this process holds, in as many parts as they lie on devices; none while they are traced."""
+    if isinstance(array, np.ndarray):
+        yield array
+    elif not isinstance(array, Tracer) and not _is_placeholder(array):
+        yield from (np.asarray(shard.data) for shard in array.addressable_shards if shard.replica_id == 0)
+
+
+def check_states(states: Array) -> None:
+    """Refuse states that are none.
+
+    Raises:
+        InputError: If one is neither 0, 1 nor 2.
+    """
+    for part in _host_parts(states):
+        if part.size and part.max() > OCCUPIED:
+            raise InputError(f"states must be 0 unknown, 1 free or 2 occupied, got {part.max()}.")
+
+
+def check_origin(origin: Array, shape: tuple[int, ...], voxel_size: float) -> None:
+    """Refuse a place or a size [m] whose cubes float32 cannot hold.
+
+    Raises:
+        InputError: If an origin is not finite, or the grid begins or reaches too far out.
+    """
+    for part in _host_parts(origin):
+        if not (np.abs(part) <= LARGEST_LENGTH).all():  # NaN is not, too
+            raise InputError(
+                f"origin must be finite numbers within {LARGEST_LENGTH:g} m, got {part.tolist()}."
+            )
+    if max(shape, default=0) * voxel_size > LARGEST_LENGTH:
+        raise InputError(
+            f"states of shape {shape} and voxels of {voxel_size:g} m reach beyond {LARGEST_LENGTH:g} m."
+        )
+
+
+def check_log_odds(log_odds: Array) -> None:
+    """Refuse log-odds that would spread through sums.
+
+    Raises:
+        InputError: If one is NaN or infinite.
+    """
+    for part in _host_parts(log_odds):
+        with np.errstate(over="ignore", invalid="ignore"):
+            is_finite = np.isfinite(part.sum())  # one pass without a mask as large as the map
+        if not is_finite and not np.isfinite(part).all():
+            raise InputError(
+                "log_odds must be finite, got NaN or infinite ones; set those of unknown voxels to 0 and cut the "
+                "others to OctoMap's limits, -2 and 3.5."
+            )
