@@ -82,6 +82,35 @@ def test_a_pose_times_its_inverse_is_the_identity(angle):
     np.testing.assert_allclose(T @ rigid.inverse(T), identity, atol=5e-6)
 
 
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_the_inverse_of_host_poses_stays_on_the_host(dtype):
+    T = np.asarray(rigid.exp(jnp.asarray(tangents(2.0)))).astype(dtype)
+    found = rigid.inverse(T)
+    assert isinstance(found, np.ndarray)
+    assert found.dtype == dtype
+    np.testing.assert_allclose(found, np.linalg.inv(T), atol=5e-6)
+    np.testing.assert_array_equal(rigid.inverse(T[3]), found[3])
+    np.testing.assert_allclose(rigid.inverse(jnp.asarray(T, jnp.float32)), found, atol=5e-6)
+
+
+@pytest.mark.parametrize("place", [np.asarray, jnp.asarray])
+def test_the_nearest_rotation_is_scipys_and_never_a_reflection(place):
+    rng = np.random.default_rng(5)
+    points = rng.normal(size=(40, 6, 3)).astype(np.float32)
+    turned = points + rng.normal(size=points.shape).astype(np.float32)
+    turned[::2, :, 0] *= -1.0  # The best orthogonal matrix of such points is often a reflection.
+    covariance = np.einsum("knx,kny->kxy", turned, points)
+    assert (np.linalg.det(covariance) < 0).sum() > 5
+    found = rigid.nearest_rotation(place(covariance))
+    assert isinstance(found, np.ndarray) == (place is np.asarray)
+    assert found.dtype == np.float32
+    np.testing.assert_allclose(np.linalg.det(np.asarray(found)), 1.0, atol=1e-5)
+    for rotation, a, b in zip(np.asarray(found), turned, points, strict=True):
+        expected, _ = Rotation.align_vectors(a.astype(np.float64), b.astype(np.float64))
+        np.testing.assert_allclose(rotation, expected.as_matrix(), atol=2e-4)
+    np.testing.assert_allclose(rigid.nearest_rotation(place(covariance[1])), found[1], atol=1e-5)
+
+
 def test_apply_moves_points_of_b_into_a():
     T_a_b = jnp.asarray([[0, -1, 0, 10], [1, 0, 0, 20], [0, 0, 1, 30], [0, 0, 0, 1]], jnp.float32)
     points = jnp.asarray([[1, 2, 3], [0, 0, 0]], jnp.float32)

@@ -3,6 +3,9 @@
 Tangent vectors are (translation, rotation), metres and radians. `T_a_b` maps points of frame b into frame a. Results
 have the dtype of the input and its accuracy. First derivatives, forward and reverse, are right at the identity too and
 finite everywhere; at a half-turn, where `log` jumps, they are those of one of its sides.
+
+`inverse` and `nearest_rotation` keep NumPy arrays on the host: stages that chain float64 poses, or solve thousands of
+tiny problems inside a search, lose no digits and compile nothing. Inside kernels both take JAX arrays.
 """
 
 import functools
@@ -11,6 +14,7 @@ from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Float
 
 from ._types import Array
@@ -144,9 +148,29 @@ def from_rotation_translation(
 
 
 def inverse(T: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 4 4"]:
-    """Inverse pose, by transposition: `T_b_a` of `T_a_b`."""
+    """Inverse pose, by transposition: `T_b_a` of `T_a_b`; a NumPy array gives a NumPy array."""
+    if isinstance(T, np.ndarray):
+        inverse = np.zeros_like(T)
+        inverse[..., :3, :3] = np.swapaxes(T[..., :3, :3], -1, -2)
+        inverse[..., :3, 3] = -np.einsum("...ij,...j->...i", inverse[..., :3, :3], T[..., :3, 3])
+        inverse[..., 3, 3] = 1.0
+        return inverse
     rotation_t = jnp.swapaxes(T[..., :3, :3], -1, -2)
     return from_rotation_translation(rotation_t, -_matmul(rotation_t, T[..., :3, 3:])[..., 0])
+
+
+def nearest_rotation(matrix: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3 3"]:
+    """Proper rotation R with the largest `trace(R.T @ matrix)`: the nearest one; never a reflection.
+
+    Of the covariance `sum a b^T` of matched directions it is the R that brings b onto a with the least squared error
+    (orthogonal Procrustes). A NumPy array gives a NumPy array.
+    """
+    xp = np if isinstance(matrix, np.ndarray) else jnp
+    u, _, vt = xp.linalg.svd(matrix)
+    # Where the nearest orthogonal matrix is a reflection, the axis of the smallest singular value costs least to turn.
+    sign = xp.where(xp.linalg.det(xp.matmul(u, vt)) < 0.0, -1.0, 1.0).astype(u.dtype)
+    last = sign[..., None, None] * u[..., 2:]
+    return (np.matmul if xp is np else _matmul)(xp.concatenate([u[..., :2], last], axis=-1), vt)
 
 
 def adjoint(T: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 6 6"]:

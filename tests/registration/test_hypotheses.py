@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from small_worlds import OTHER_FURNITURE, OTHER_ROOMS, draw_map, pose
+from voxjax import rigid
 from voxjax.maps.prepared import prepare_map
 from voxjax.metrics import pose_error
 from voxjax.ops.evidence.nearest import split_keys
@@ -12,7 +13,7 @@ from voxjax.registration.hypotheses.corners import corner_frames, frame_poses, s
 from voxjax.registration.hypotheses.exhaustive import exhaustive_hypotheses, upright_frame
 from voxjax.registration.hypotheses.map_features import map_features
 from voxjax.registration.hypotheses.proposals import Proposals
-from voxjax.registration.hypotheses.ranking import distinct_poses, inverse_poses, rank_poses
+from voxjax.registration.hypotheses.ranking import distinct_poses, rank_poses
 from voxjax.registration.hypotheses.rotations import rotation_hypotheses
 from voxjax.registration.judging.leaders import find_leaders, judge_poses
 from voxjax.registration.judging.settings import LeaderConfig
@@ -101,7 +102,7 @@ def test_evidence_is_the_same_from_both_sides(pair):
     a, b, truth = pair
     T = np.stack([truth, pose(yaw=50.0) @ truth]).astype(np.float32)
     forward = judge_poses(a.prepared, b.prepared, T, num_points=None)
-    backward = judge_poses(b.prepared, a.prepared, inverse_poses(T), num_points=None)
+    backward = judge_poses(b.prepared, a.prepared, rigid.inverse(T), num_points=None)
     for one, two in ((forward.hits, backward.hits), (forward.conflicts, backward.conflicts)):
         np.testing.assert_allclose(one, two, atol=1e-5)
     spectrum = np.linalg.eigvalsh(forward.information), np.linalg.eigvalsh(backward.information)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .. import rigid
 from .._checks import InputError
 from .._runtime.whole_files import write_files
 from ..metrics import PoseError, pose_error
@@ -72,7 +73,7 @@ def pose_errors(team: Team, poses: Sequence[np.ndarray | None]) -> list[PoseErro
         if first is None or other is None or truth is None:
             errors.append(None)
         else:
-            found = np.linalg.inv(np.asarray(first, np.float64)) @ np.asarray(other, np.float64)
+            found = rigid.inverse(np.asarray(first, np.float64)) @ np.asarray(other, np.float64)
             centre = team.grids[number].occupied_points().mean(axis=0, dtype=np.float64)
             errors.append(pose_error(found, truth, centre))
     return errors

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int, Int32
 from scipy.spatial import KDTree
 
+from .. import rigid
 from .._checks import InputError, check_choice
 from .._results import RESULTS
 from .._types import Array
@@ -267,9 +268,7 @@ def kabsch(points_a: np.ndarray, points_b: np.ndarray) -> np.ndarray:
     """`T_a_b` of matched points on the host, float64 (4, 4): thousands of tiny problems inside a search."""
     points_a, points_b = points_a.astype(np.float64), points_b.astype(np.float64)
     mean_a, mean_b = points_a.mean(axis=0), points_b.mean(axis=0)
-    u, _, vt = np.linalg.svd((points_a - mean_a).T @ (points_b - mean_b))
-    u[:, 2] *= np.sign(np.linalg.det(u @ vt))
     T_a_b = np.eye(4)
-    T_a_b[:3, :3] = u @ vt
+    T_a_b[:3, :3] = rigid.nearest_rotation((points_a - mean_a).T @ (points_b - mean_b))
     T_a_b[:3, 3] = mean_a - T_a_b[:3, :3] @ mean_b
     return T_a_b

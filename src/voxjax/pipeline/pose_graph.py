@@ -6,6 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 
+from .. import rigid
 from ..grid import VoxelGrid
 from ..metrics import pose_error
 from ..registration.types import Registration
@@ -42,7 +43,7 @@ def chain_poses(num_maps: int, tree: Sequence[tuple[int, int, Registration]]) ->
     steps: dict[tuple[int, int], np.ndarray] = {}
     for a, b, registration in tree:
         T_a_b = np.asarray(registration.T_a_b, np.float64)
-        steps[a, b], steps[b, a] = T_a_b, _inverse(T_a_b)
+        steps[a, b], steps[b, a] = T_a_b, rigid.inverse(T_a_b)
     rows, columns = np.asarray(list(steps), np.int32).T
     edges = csr_array((np.ones(len(steps)), (rows, columns)), shape=(num_maps, num_maps))
     order, before = breadth_first_order(edges, min(map(min, steps)))
@@ -68,17 +69,9 @@ def loop_errors(
         pose_a, pose_b = poses[a], poses[b]
         if not registration.accepted or (a, b) in in_tree or pose_a is None or pose_b is None:
             continue
-        chained = _inverse(pose_a.astype(np.float64)) @ pose_b.astype(np.float64)
+        chained = rigid.inverse(pose_a.astype(np.float64)) @ pose_b.astype(np.float64)
         direct = np.asarray(registration.T_a_b, np.float64)
         low, high = grids[b].extent
         error = pose_error(chained, direct, (low.astype(np.float64) + high) / 2.0)
         errors.append(LoopError(a=a, b=b, metres=error.metres, radians=float(np.radians(error.degrees))))
     return errors
-
-
-def _inverse(T: np.ndarray) -> np.ndarray:
-    """Inverse of a rigid transform, in its own precision."""
-    inverse = np.eye(4, dtype=T.dtype)
-    inverse[:3, :3] = T[:3, :3].T
-    inverse[:3, 3] = -T[:3, :3].T @ T[:3, 3]
-    return inverse

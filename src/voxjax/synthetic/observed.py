@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.spatial import KDTree
 
+from .. import rigid
 from ..grid import VoxelGrid
 from .true_corners import TrueCorners
 
@@ -24,7 +25,7 @@ def observed_corners(corners: TrueCorners, grid: VoxelGrid, T_world_map: np.ndar
     seen = np.zeros(len(corners.kind), bool)
     if T_world_map is None or not grid.num_occupied:
         return seen
-    T_map_world = np.linalg.inv(T_world_map)
+    T_map_world = rigid.inverse(T_world_map)
     position = corners.position @ T_map_world[:3, :3].T + T_map_world[:3, 3]
     normals = corners.normals @ T_map_world[:3, :3].T
     points = grid.occupied_points().astype(np.float64)

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
+from .. import rigid
 from .._checks import InputError
 from ..grid import VoxelGrid
 from .building import Building, close_doors, make_building, make_hotel
@@ -47,7 +48,7 @@ class Team:
         T_world_a, T_world_b = self.poses[a], self.poses[b]
         if T_world_a is None or T_world_b is None:
             return None
-        return np.linalg.inv(T_world_a) @ T_world_b
+        return rigid.inverse(T_world_a) @ T_world_b
 
     def overlap(self, a: int, b: int) -> float:
         """Share of the occupied voxels of b within 1.5 voxels of one of a; 0 for strangers."""
@@ -191,4 +192,4 @@ def _map_rooms(rng, building, rooms, T_world_map, voxel_size, drift, lidar) -> V
     true_poses = walk_rooms(rng, building, rooms)
     scans = [take_scan(rng, building, T, lidar) for T in true_poses]
     believed = draw_drift(rng, true_poses, drift)
-    return build_map(scans, np.linalg.inv(T_world_map) @ believed, voxel_size=voxel_size)
+    return build_map(scans, rigid.inverse(T_world_map) @ believed, voxel_size=voxel_size)

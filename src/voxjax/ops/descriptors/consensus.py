@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ... import rigid
 from ..._types import Array
 
 
@@ -134,11 +135,8 @@ def poses_from_matches(
         mean_b = jnp.sum(share * points_b, axis=0, dtype=weight.dtype)
         cross = (share * (points_b - mean_b[None])).T @ (points_a - mean_a[None])
         cross = cross + normal_weight * ((share * normals_b).T @ normals_a)
-        u, _, vt = jnp.linalg.svd(cross)
-        flip = jnp.stack([jnp.ones(()), jnp.ones(()), jnp.sign(jnp.linalg.det(u @ vt))]).astype(weight.dtype)
-        rotation = (u * flip[None]) @ vt
-        top = jnp.concatenate([rotation.T, (mean_a - rotation.T @ mean_b)[:, None]], axis=1)
-        return jnp.concatenate([top, jnp.asarray([[0.0, 0.0, 0.0, 1.0]], weight.dtype)])
+        rotation = rigid.nearest_rotation(cross).T
+        return rigid.from_rotation_translation(rotation, mean_a - rotation @ mean_b)
 
     return jax.lax.map(solve, weights, batch_size=64)
 

@@ -166,5 +166,5 @@ def _align(alignment: _Alignment, T: Array, *, num_steps: int) -> Array:
         return alignment.step(T, jnp.minimum(i.astype(jnp.float32) / num_shrinking, 1.0)), None
 
     T = jax.lax.scan(step, T, jnp.arange(num_steps, dtype=jnp.int32))[0]
-    u, _, vt = jnp.linalg.svd(T[:3, :3])
-    return rigid.from_rotation_translation(u @ vt, T[:3, 3])
+    # Products of many small rotations drift away from the rotations by rounding.
+    return rigid.from_rotation_translation(rigid.nearest_rotation(T[:3, :3]), T[:3, 3])

@@ -49,11 +49,7 @@ def align_points(
     weights = weights.astype(points_a.dtype)
     local_a, mean_a = _centred(points_a, weights)
     local_b, mean_b = _centred(points_b, weights)
-    u, _, vt = jnp.linalg.svd((local_a * weights[:, None]).T @ local_b)
-    handedness = jnp.where(jnp.linalg.det(u @ vt) < 0.0, -1.0, 1.0).astype(points_a.dtype)
-    rotation = (
-        u * jnp.stack([jnp.ones_like(handedness), jnp.ones_like(handedness), handedness])[None, :]
-    ) @ vt
+    rotation = rigid.nearest_rotation(jnp.asarray((local_a * weights[:, None]).T @ local_b))
     T_a_b = rigid.from_rotation_translation(rotation, mean_a - rotation @ mean_b)
     return jnp.where(jnp.any(weights > 0), T_a_b, jnp.eye(4, dtype=points_a.dtype))
 

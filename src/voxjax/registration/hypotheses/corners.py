@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from ... import rigid
 from ...features.types import KIND_UNKNOWN, Corners
 from ...matching.common_subgraph import maximum_common_subgraph
 from .closed_form import align_points
@@ -27,8 +28,7 @@ class CornerPoses(NamedTuple):
 
 def corner_frames(normals: np.ndarray) -> np.ndarray:
     """Orthonormal frames (n, 3, 3), columns nearest to the three normals of each corner."""
-    u, _, vt = np.linalg.svd(np.swapaxes(normals.astype(np.float64), 1, 2))
-    return u @ vt
+    return rigid.nearest_rotation(np.swapaxes(normals.astype(np.float64), 1, 2))
 
 
 def frame_poses(

@@ -3,20 +3,12 @@
 import numpy as np
 from jaxtyping import Float
 
+from ... import rigid
 from ...maps.prepared import PreparedMap, sample_rows
 from ...ops.evidence.scoring import score_poses
 
 COARSE_CONFLICT_WEIGHT = 3.0
 """A conflict before refinement is less certain."""
-
-
-def inverse_poses(poses: Float[np.ndarray, "k 4 4"]) -> Float[np.ndarray, "k 4 4"]:
-    """`T_b_a` of each `T_a_b`."""
-    inverse = np.zeros_like(poses)
-    inverse[:, :3, :3] = np.swapaxes(poses[:, :3, :3], 1, 2)
-    inverse[:, :3, 3] = -np.einsum("kij,kj->ki", inverse[:, :3, :3], poses[:, :3, 3])
-    inverse[:, 3, 3] = 1.0
-    return inverse
 
 
 def rank_poses(
@@ -26,7 +18,7 @@ def rank_poses(
     T = poses.astype(np.float32)
     total = np.zeros(len(poses), np.float32)
     weights = np.full(num_points, 1.0 / num_points, np.float32)
-    for target, other, direction in ((a, b, T), (b, a, inverse_poses(T))):
+    for target, other, direction in ((a, b, T), (b, a, rigid.inverse(T))):
         points = np.asarray(other.points)[sample_rows(other, num_points)]
         shares = score_poses(
             target.coarse_codes(target.coarse_factor), *target.block, points, weights, direction

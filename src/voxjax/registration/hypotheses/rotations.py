@@ -146,6 +146,9 @@ def sharpen_rotations(
 
     def climb(rotation: Array, _: object) -> tuple[Array, None]:
         weight, sign = kernel(rotation)
+        # The share of the start keeps the problem regular where hardly a normal weighs anything. Not
+        # `rigid.nearest_rotation`, whose last bits differ: which of many nearly equal candidates are searched depends
+        # on them.
         u, _, vt = jnp.linalg.svd(normals_a.T @ (weight * sign) @ normals_b + 1e-6 * rotation)
         det = jnp.linalg.det(u @ vt)
         return u @ (vt * jnp.stack([jnp.ones_like(det), jnp.ones_like(det), det])[:, None]), None

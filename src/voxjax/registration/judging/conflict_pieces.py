@@ -7,11 +7,11 @@ free space.
 import numpy as np
 from scipy import ndimage
 
+from ... import rigid
 from ..._runtime.threads import spread
 from ...maps.prepared import PreparedMap
 from ...ops.evidence.lookup import cells_on_host, turned_on_host
 from ...ops.evidence.scoring import CONFLICT, HIT
-from ..hypotheses.ranking import inverse_poses
 from .leaders import Judgement, Leaders
 
 MIN_AREA = 1.0
@@ -36,7 +36,7 @@ def piece_area(a: PreparedMap, b: PreparedMap, T_a_b: np.ndarray) -> tuple[float
         T_a_b: Pose (4, 4).
     """
     in_pieces = num_hits = 0
-    for target, other, T in ((a, b, T_a_b), (b, a, inverse_poses(T_a_b[None])[0])):
+    for target, other, T in ((a, b, T_a_b), (b, a, rigid.inverse(T_a_b))):
         points = np.asarray(other.points)[: other.num_points]
         code = _codes_at(target, points, T)
         num_hits += int(np.count_nonzero(code == HIT))

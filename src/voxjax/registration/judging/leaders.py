@@ -5,12 +5,13 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from ... import rigid
 from ..._runtime.placement import to_device
 from ...maps.prepared import PreparedMap, sample_rows
 from ...ops.evidence.align import align_poses
 from ...ops.evidence.scoring import surface_evidence
 from ..hypotheses.proposals import Proposals
-from ..hypotheses.ranking import COARSE_CONFLICT_WEIGHT, distinct_poses, inverse_poses, rank_poses
+from ..hypotheses.ranking import COARSE_CONFLICT_WEIGHT, distinct_poses, rank_poses
 from .settings import LeaderConfig
 
 CONFLICT_WEIGHT = 6.0
@@ -70,7 +71,7 @@ def judge_poses(
     T = poses.astype(np.float32)
     is_signed = to_device(np.bool_(a.has_free_space and b.has_free_space))
     sums, information = [], []
-    for target, other, direction in ((a, b, T), (b, a, inverse_poses(T))):
+    for target, other, direction in ((a, b, T), (b, a, rigid.inverse(T))):
         # On the host: each new shape of a map would compile a lookup here.
         points, sides, weights = (
             np.asarray(a)[: other.num_points] for a in (other.points, other.sides, other.weights)

@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 
+from ... import rigid
 from ..._checks import check_positive
 from ..._results import RESULTS
 from ...features.corners import Corners, detect_corners
@@ -166,7 +167,7 @@ def _strongest(corners: Corners, count: int) -> Corners:
 def _hypotheses(a: PreparedMap, b: PreparedMap, poses: np.ndarray) -> tuple[Hypothesis, ...]:
     """The poses with what occupied and free space say about them, counted both ways over all voxels."""
     forth = _counts(a, b, poses)
-    back = _counts(b, a, np.linalg.inv(poses.astype(np.float64)).astype(np.float32))
+    back = _counts(b, a, rigid.inverse(poses))
     total = a.num_points + b.num_points
     result = []
     for T, (hits, conflicts, undecided) in zip(poses, forth + back, strict=True):
