@@ -24,17 +24,16 @@ from scipy.spatial.transform import Rotation
 import voxjax as vx
 from bench.calibration_worlds import load_world, seeds_of, without_free_space
 from bench.reliability import draw, summary
+from bench.reports import write_json
 from bench.timing import setting
 from voxjax.metrics import pose_error
 from voxjax.pipeline.config import Config
 from voxjax.pipeline.features import features_at, working_voxel_size
 from voxjax.pipeline.pair import register_features
 
-DEGREES, METRES = 3.0, 0.4
-
 
 def judge(found: vx.Registration, truth: np.ndarray | None, b: vx.VoxelGrid) -> dict[str, Any]:
-    """One row: what was said, what it rests on, and what is true."""
+    """One row: the verdict, the evidence that it rests on, and the truth within 3 degrees and 0.4 m."""
     row: dict[str, Any] = {
         "verdict": found.verdict,
         "confidence": found.confidence,
@@ -47,7 +46,7 @@ def judge(found: vx.Registration, truth: np.ndarray | None, b: vx.VoxelGrid) -> 
     }
     centroid = b.occupied_points().mean(axis=0, dtype=np.float64)
     errors = [None if truth is None else pose_error(h.T_a_b, truth, centroid) for h in found.hypotheses]
-    good = [e is not None and e.degrees <= DEGREES and e.metres <= METRES for e in errors]
+    good = [e is not None and e.degrees <= 3.0 and e.metres <= 0.4 for e in errors]
     row["leaders"] = [
         {
             "score": h.evidence.score,
@@ -134,7 +133,6 @@ def main(argv: list[str]) -> int:
     rows: list[dict] = json.loads(args.out.read_text())["rows"] if args.out.exists() else []
     done = {r["name"] for r in rows}
     runner = Runner(args.cache, clouds=args.clouds)
-    args.out.parent.mkdir(parents=True, exist_ok=True)
     for kind, seeds in jobs[part - 1 :: parts]:
         name = f"{kind}_{'_'.join(map(str, seeds))}{'_cloud' if args.clouds else ''}"
         if name in done:
@@ -142,7 +140,7 @@ def main(argv: list[str]) -> int:
         start = time.perf_counter()
         row = runner.row(kind, seeds)
         rows.append({"name": name, "kind": kind} | row)
-        args.out.write_text(json.dumps({"rows": rows}))
+        write_json(args.out, {"rows": rows})
         took = time.perf_counter() - start
         print(
             f"{name:28s} {row['verdict']:10s} {row['confidence']:.3f} right={row['right']!s:5s} {took:.1f} s",

@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 
 import voxjax as vx
+from bench.worlds import FRAMES
 from voxjax._types import FREE, UNKNOWN
 from voxjax.synthetic import simulate_hotel, simulate_team
 
-FRAMES = ("yaw", "tilt", "so3")
-OVERLAPS = (0.1, 0.2, 0.3, 0.45, 0.65)
 KINDS = {"pair": (0, 1, 4), "hotel": (2,), "build": (3,)}
-"""Seeds of a kind: those whose rest after division by five is listed."""
+"""For each kind, the rests after division by five of the seeds that belong to it; no seed serves two kinds."""
 
 
 def make_world(seed: int, kind: str) -> tuple[list[vx.VoxelGrid], np.ndarray | None]:
@@ -24,7 +23,7 @@ def make_world(seed: int, kind: str) -> tuple[list[vx.VoxelGrid], np.ndarray | N
     drift = float(rng.uniform(0.02, 0.06))
     plain: dict[str, Any] = {"frame": frame, "clutter": clutter, "skew": skew, "drift": drift}
     if kind == "pair":
-        team = simulate_team(seed, overlap=float(rng.choice(OVERLAPS)), **plain)
+        team = simulate_team(seed, overlap=float(rng.choice((0.1, 0.2, 0.3, 0.45, 0.65))), **plain)
     elif kind == "hotel":
         team = simulate_hotel(
             seed,
@@ -39,7 +38,7 @@ def make_world(seed: int, kind: str) -> tuple[list[vx.VoxelGrid], np.ndarray | N
 
 
 def load_world(seed: int, kind: str, cache: Path | None) -> tuple[list[vx.VoxelGrid], np.ndarray | None]:
-    """`make_world`, from the cache if it is there."""
+    """Maps of a seed and their true pose, from the cache if they are there; see `make_world`."""
     path = None if cache is None else cache / f"{kind}_{seed}.npz"
     if path is not None and path.exists():
         with np.load(path) as kept:

@@ -4,6 +4,7 @@ A case is light; its maps are read or made when it is loaded.
 """
 
 import json
+import os
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -18,23 +19,20 @@ from bench.worlds import MapPair, pair_case
 from voxjax.io.ply import decode_ply
 from voxjax.metrics import pose_error
 
-MAX_SHIFT = 15.0
-"""Re-framed maps are shifted by up to this along each axis [m]."""
-
 
 @dataclass(frozen=True)
 class Case:
     """One pair of maps, and when a pose counts as right.
 
     Attributes:
-        name: Folder of the source and name; variants after a "~".
+        name: Folder of the source and name of the pair; the name of a variant follows after a "~".
         source: "sim", "real", "re-framed", "half" or "generated".
         kind: "pair" (one place), "hotel" (equal rooms) or "none" (different buildings).
         rotation: "yaw", "tilt" or "so3": how the frames of the maps lie to each other.
         degrees: Largest error of the rotation of a right pose.
         metres: Largest error at map b's centroid.
-        load: Gives the maps and the truth.
-        options: What was drawn for a generated pair.
+        load: Function that gives the maps and the truth.
+        options: Options that were drawn for a generated pair.
     """
 
     name: str
@@ -54,7 +52,7 @@ class Case:
         Args:
             poses: (4, 4) each.
             T_a_b: The truth, or None.
-            centroid: Of map b's occupied voxels [m], where errors of position are measured.
+            centroid: Centroid of map b's occupied voxels [m], where errors of position are measured.
 
         Returns:
             "right" (of the first pose; None without a truth), "rank" of the first right pose from 0, or None,
@@ -101,7 +99,7 @@ def folder_cases(
         num_reframings: Variants of each real pair with both maps turned and shifted at random; each truth's tolerances
             stay.
         with_half: Whether to add each real pair at twice the voxel size; each truth's tolerances stay.
-        seed: Of the random motions.
+        seed: Seed of the random motions.
     """
     cases = []
     for source in sources:
@@ -127,12 +125,40 @@ def generated_cases(count: int, seed: int) -> list[Case]:
     ]
 
 
-def motion_about(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A random (4, 4) motion: a turn about the centroid of the points (n, 3) [m], then a shift."""
+def maps_folder(given: Path | None, *, is_wanted: bool = True) -> Path | None:
+    """The folder of test maps: the given one, VOXJAX_MAPS or ../shared/maps.
+
+    Args:
+        given: Folder that the user named, or None.
+        is_wanted: Whether the benchmark reads maps at all.
+
+    Returns:
+        The folder; None where no maps are wanted, or where nobody named a folder and there is none, which is printed.
+
+    Raises:
+        vx.InputError: If the folder that the user named does not exist.
+    """
+    folder = given or Path(os.environ.get("VOXJAX_MAPS", "../shared/maps"))
+    if not is_wanted or folder.is_dir():
+        return folder if is_wanted else None
+    if given is not None:
+        raise vx.InputError(f"--maps {given} is no folder; name the folder of test maps.")
+    print(f"no folder {folder}: generated pairs only; name test maps with --maps")
+    return None
+
+
+def motion_about(points: np.ndarray, rng: np.random.Generator, *, max_shift: float = 15.0) -> np.ndarray:
+    """A random (4, 4) motion: a turn about the centroid of points, then a shift.
+
+    Args:
+        points: (n, 3) [m].
+        rng: Source of the motion.
+        max_shift: Largest shift along each axis [m].
+    """
     centroid = points.mean(axis=0, dtype=np.float64)
     T = np.eye(4)
     T[:3, :3] = Rotation.random(rng=rng).as_matrix()
-    T[:3, 3] = centroid + rng.uniform(-MAX_SHIFT, MAX_SHIFT, 3) - T[:3, :3] @ centroid
+    T[:3, 3] = centroid + rng.uniform(-max_shift, max_shift, 3) - T[:3, :3] @ centroid
     return T
 
 
@@ -142,7 +168,7 @@ def moved_truth(T_a_b: np.ndarray, move_a: np.ndarray, move_b: np.ndarray) -> np
 
 
 def rotation_kind(T_a_b: np.ndarray | None) -> str:
-    """How far a pose leans away from a turn about z: "yaw" up to 1 degree, "tilt" up to 20, else "so3"."""
+    """Return how far a pose leans away from a turn about z: "yaw" up to 1 degree, "tilt" up to 20, else "so3"."""
     if T_a_b is None:
         return "so3"
     lean = np.degrees(np.arccos(np.clip(T_a_b[2, 2], -1.0, 1.0)))

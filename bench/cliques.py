@@ -11,7 +11,6 @@ graph: networkx as a graph object, cliquematch as its own, both made outside the
 
 import argparse
 import importlib.util
-import json
 import sys
 import time
 from collections.abc import Callable
@@ -20,16 +19,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from bench.reports import write_json
 from bench.timing import setting
 from voxjax.matching.associations import all_associations
 from voxjax.matching.cliques.maximum import maximum_clique
 from voxjax.matching.cliques.weighted import maximum_weight_clique
 from voxjax.matching.consistency import pairwise_consistency
-
-_BOX = np.asarray([20.0, 15.0, 3.0])
-_NUM_A, _NUM_B = 82, 88
-_EDGE_TOLERANCE = 0.005
-"""The number of edges is met within this share."""
 
 
 class GraphClass(NamedTuple):
@@ -38,8 +33,8 @@ class GraphClass(NamedTuple):
     Attributes:
         num_true: Points that both sets hold.
         noise: Standard deviation of a coordinate of the second sighting [m].
-        tolerance: Of distances [m].
-        num_edges: To be met.
+        tolerance: Largest difference of the distances of consistent associations [m].
+        num_edges: Number of edges that the graph is scaled to.
     """
 
     num_true: int
@@ -53,31 +48,33 @@ CLASSES = {"plain": GraphClass(40, 0.03, 0.15, 480_256), "hard": GraphClass(12, 
 
 def draw_points(seed: int, kind: GraphClass, scale: float) -> tuple[np.ndarray, np.ndarray]:
     """Both sets of points [m]; the second in another order and frame."""
+    num_a, num_b = 82, 88
+    box = np.asarray([20.0, 15.0, 3.0]) * scale
     rng = np.random.default_rng(seed)
-    a = rng.uniform(size=(_NUM_A, 3)) * _BOX * scale
+    a = rng.uniform(size=(num_a, 3)) * box
     again = a[: kind.num_true] + rng.normal(0.0, kind.noise, (kind.num_true, 3))
-    b = np.concatenate([again, rng.uniform(size=(_NUM_B - kind.num_true, 3)) * _BOX * scale])
+    b = np.concatenate([again, rng.uniform(size=(num_b - kind.num_true, 3)) * box])
     yaw = rng.uniform(-np.pi, np.pi)
     turn = np.asarray([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
-    return a, (b @ turn.T + [3.0, -7.0, 1.0])[rng.permutation(_NUM_B)]
+    return a, (b @ turn.T + [3.0, -7.0, 1.0])[rng.permutation(num_b)]
 
 
 def build(points: tuple[np.ndarray, np.ndarray], kind: GraphClass) -> np.ndarray:
     """The graph as a Boolean matrix."""
-    pairs = all_associations(np.ones(_NUM_A, bool), np.ones(_NUM_B, bool))
+    pairs = all_associations(*(np.ones(len(p), bool) for p in points))
     adjacency = pairwise_consistency(*points, pairs, distance_tolerance=kind.tolerance)
     return adjacency[: len(pairs), : len(pairs)]
 
 
 def make_graph(seed: int, kind: GraphClass) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
-    """Points and graph with the wanted number of edges: a larger box has fewer."""
+    """Points and graph with the wanted number of edges, to half a per cent: a larger box has fewer."""
     low, high = 0.4, 2.5
     for _ in range(20):
         scale = 0.5 * (low + high)
         points = draw_points(seed, kind, scale)
         adjacency = build(points, kind)
         excess = np.count_nonzero(adjacency) // 2 / kind.num_edges - 1.0
-        if abs(excess) < _EDGE_TOLERANCE:
+        if abs(excess) < 0.005:
             break
         low, high = (scale, high) if excess > 0 else (low, scale)
     return points, adjacency
@@ -181,8 +178,7 @@ def main(argv: list[str]) -> int:
                     f"| {row['search_s']:.3f} | {row['least_s']:.3f} | {'yes' if row['exact'] else 'no'} |",
                     flush=True,
                 )
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_text(json.dumps({"setting": setting(), "rows": results}, indent=1))
+    write_json(options.out, {"setting": setting(), "rows": results})
     return 0
 
 

@@ -9,7 +9,6 @@ from the folder (or $VOXJAX_MAPS) where there is one, and generated pairs always
 """
 
 import argparse
-import json
 import os
 import sys
 import time
@@ -22,16 +21,14 @@ from scipy.spatial import KDTree
 
 from bench.cases import folder_cases
 from bench.keypoints import harris_keypoints, iss_keypoints, iss_source
+from bench.reports import write_json
 from bench.timing import setting
+from bench.worlds import FRAMES
 from voxjax import VoxelGrid, detect_corners
 from voxjax.synthetic import simulate_team
 
-TOLERANCE, OVERLAP = 2.0, 5.0
-"""Found again within, and in the overlap within [voxel]."""
-
-FRAMES = ("yaw", "tilt", "so3")
 SIMULATED = "yaw_20_0,yaw_40_1,tilt_40_0,tilt_65_1,so3_40_0,so3_65_1"
-"""Of the folder's simulated pairs, unless names are given."""
+"""The simulated pairs that are taken unless names are given."""
 
 
 class Pair(NamedTuple):
@@ -98,15 +95,32 @@ def detect_all(grid: VoxelGrid) -> tuple[dict[str, np.ndarray], dict[str, float]
     return points, seconds
 
 
-def repeated(points: np.ndarray, others: np.ndarray, surface: KDTree, voxel: float) -> Count:
-    """Points in the overlap with a surface, and those of them that have one of the others nearby."""
+def repeated(
+    points: np.ndarray,
+    others: np.ndarray,
+    surface: KDTree,
+    voxel: float,
+    *,
+    reach: float = 5.0,
+    tolerance: float = 2.0,
+) -> Count:
+    """Points in the overlap with a surface, and those of them that have one of the others nearby.
+
+    Args:
+        points: Points (n, 3) of one map [m].
+        others: Points (m, 3) of the other map [m].
+        surface: Occupied voxel centres of the other map.
+        voxel: Edge of a voxel [m].
+        reach: Largest distance of a point from the surface in the overlap [voxel].
+        tolerance: Largest distance of a point from where it is found again [voxel].
+    """
     if not len(points):
         return Count(0, 0)
-    inside = points[surface.query(points, distance_upper_bound=OVERLAP * voxel)[0] <= OVERLAP * voxel]
+    inside = points[surface.query(points, distance_upper_bound=reach * voxel)[0] <= reach * voxel]
     if not len(inside) or not len(others):
         return Count(len(inside), 0)
     distance = np.asarray(KDTree(others).query(inside)[0])
-    return Count(len(inside), int(np.count_nonzero(distance <= TOLERANCE * voxel)))
+    return Count(len(inside), int(np.count_nonzero(distance <= tolerance * voxel)))
 
 
 def both_ways(in_a: np.ndarray, in_b: np.ndarray, a: KDTree, b: KDTree, voxel: float) -> Count:
@@ -179,7 +193,7 @@ def table(rows: list[dict]) -> list[str]:
 
 
 def _share(rows: list[dict], prefix: str) -> str:
-    """Repeated of those in the overlap, per cent."""
+    """Share of the points in the overlap that are repeated, in per cent."""
     overlap = sum(row[f"{prefix}overlap"] for row in rows)
     return f"{100 * sum(row[f'{prefix}repeated'] for row in rows) / overlap:.0f} %" if overlap else "-"
 
@@ -192,7 +206,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--maps", default=os.environ.get("VOXJAX_MAPS"), help="folder with real/ and sim/")
     parser.add_argument("--only", default="", help="names of pairs of the folder")
     parser.add_argument("--generated", type=int, default=6, help="number of generated pairs")
-    parser.add_argument("--seed", type=int, default=7100, help="of the first generated pair")
+    parser.add_argument("--seed", type=int, default=7100, help="seed of the first generated pair")
     parser.add_argument("--out", type=Path, default=Path(__file__).parent / "out" / "corners.json")
     options = parser.parse_args(argv)
     print(setting(), f"ISS        {iss_source()}", sep="\n", end="\n\n", flush=True)
@@ -210,8 +224,7 @@ def main(argv: list[str]) -> int:
         )
         print(f"{pair.name}: {cells}", flush=True)
     print("", *table(rows), sep="\n")
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_text(json.dumps({"setting": setting(), "iss": iss_source(), "rows": rows}, indent=1))
+    write_json(options.out, {"setting": setting(), "iss": iss_source(), "rows": rows})
     return 0
 
 

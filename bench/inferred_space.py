@@ -8,8 +8,6 @@ to be free (the others are unknown), recall the share of the free voxels that ar
 """
 
 import argparse
-import json
-import os
 import sys
 import time
 from collections.abc import Iterator
@@ -19,10 +17,10 @@ import numpy as np
 
 import voxjax as vx
 from bench.calibration_worlds import load_world, seeds_of, without_free_space
+from bench.cases import maps_folder
+from bench.reports import write_json
 from bench.timing import setting
 from voxjax.maps.inferred_space import infer_free_space
-
-DEFAULT_MAPS = Path(os.environ.get("VOXJAX_MAPS", "../shared/maps"))
 
 
 def maps(args: argparse.Namespace) -> Iterator[tuple[str, vx.VoxelGrid]]:
@@ -30,7 +28,8 @@ def maps(args: argparse.Namespace) -> Iterator[tuple[str, vx.VoxelGrid]]:
     for seed in seeds_of("build", args.count, args.seed):
         (grid,), _ = load_world(seed, "build", args.cache)
         yield f"generated {seed}", grid
-    for truth in sorted((args.maps / "real").glob("*/truth.json")):
+    folder = maps_folder(args.maps)
+    for truth in sorted((folder / "real").glob("*/truth.json")) if folder else ():
         for name in ("a.bt", "b.bt"):
             if (truth.parent / name).exists():
                 yield f"{truth.parent.name}/{name}", vx.read_map(truth.parent / name)
@@ -43,7 +42,9 @@ def main(argv: list[str]) -> int:
         description=__doc__,
         formatter_class=argparse.RawTextHelpFormatter,
     )
-    parser.add_argument("--maps", type=Path, default=DEFAULT_MAPS)
+    parser.add_argument(
+        "--maps", type=Path, help="folder of test maps; default: VOXJAX_MAPS or ../shared/maps"
+    )
     parser.add_argument("--count", type=int, default=6, help="generated maps")
     parser.add_argument("--seed", type=int, default=400_000)
     parser.add_argument("--cache", type=Path, default=None, help="folder for generated maps")
@@ -71,8 +72,7 @@ def main(argv: list[str]) -> int:
             f"| {name} | {states.size:,} | {row['precision']:.3f} | {row['recall']:.2f} | {seconds:.2f} |",
             flush=True,
         )
-    args.out.parent.mkdir(parents=True, exist_ok=True)
-    args.out.write_text(json.dumps({"rows": rows}))
+    write_json(args.out, {"rows": rows})
     return 0
 
 

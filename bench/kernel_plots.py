@@ -18,7 +18,6 @@ from voxjax.ops.window.box import box_count
 from voxjax.ops.window.classes import window_classes
 
 _SURFACE_ROW = re.compile(r"^box_count 7 at constant surface, (\d+)x(\d+)x(\d+)$")
-_LARGEST_SCIPY = 256
 
 
 def draw(folder: Path, results: Sequence[dict], *, largest: int) -> list[Path]:
@@ -67,7 +66,7 @@ def _kernels(side: int) -> dict[str, Callable[[], object]]:
         "window_classes": lambda: window_classes(grid, np.int32(20)),
         "occupied_indices": lambda: occupied_indices(grid, size=num_rows),
     }
-    if side <= _LARGEST_SCIPY:
+    if side <= 256:
         wide = host.astype(np.float32)
         calls["scipy uniform_filter"] = lambda: ndimage.uniform_filter(wide, 7, mode="constant")
     return calls

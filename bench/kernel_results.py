@@ -6,6 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from bench.kernel_row import KernelRow
+from bench.reports import markdown_table, rounded, write_json
 from bench.timing import Timing, format_seconds
 
 FOLDER = Path(__file__).parent / "results"
@@ -19,11 +20,11 @@ def result_of(
     """One row as plain data, judged.
 
     Args:
-        row: What was measured.
-        timings: Of its candidates.
+        row: The kernel and what it is compared with.
+        timings: Times of the row's candidates.
         limit: Bytes per second of a widening copy in the same rounds.
-        setting: Where it ran.
-        quick: Whether it was the quick form.
+        setting: Device, allocator and versions that it ran on.
+        quick: Whether the benchmark ran in its quick form.
 
     Returns:
         Times [s], ratios to the references, bytes per second, share of the limit and what was met.
@@ -101,9 +102,8 @@ def read(path: Path) -> list[dict]:
 
 def write(path: Path, results: Iterable[dict]) -> None:
     """Write results, those of other rows or allocators that are in the file kept."""
-    rows = {_key(r): r for r in read(path)} | {_key(r): _rounded(r) for r in results}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps({"rows": [rows[key] for key in sorted(rows)]}, indent=1) + "\n")
+    rows = {_key(r): r for r in read(path)} | {_key(r): rounded(r) for r in results}
+    write_json(path, {"rows": [rows[key] for key in sorted(rows)]})
 
 
 def falls(results: Iterable[dict], baseline: Iterable[dict]) -> list[str]:
@@ -133,33 +133,25 @@ def table(results: Sequence[dict]) -> str:
         "temporary",
         "target",
     ]
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    rows = []
     for r in sorted(results, key=lambda r: (r["quick"], r["name"], r["setting"]["allocator"])):
         against = [f"{t['ratio']:.2g} x {t['reference']} (>= {t['at_least']:g})" for t in r["targets"]]
         share, temporary = r["share_of_limit"], r["temporary_per_item"]
-        cells = [
-            r["name"],
-            r["setting"]["allocator"],
-            format_seconds(r["seconds"]),
-            f"{r['ns_per_item']:.3g} ns",
-            "<br>".join(against) or "-",
-            "-" if share is None else f"{100 * share:.0f} %",
-            "-" if temporary is None else f"{temporary:.2f} B",
-            {True: "met", False: "missed", None: "-"}[r["met"]],
-        ]
-        lines.append("| " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        rows.append(
+            [
+                r["name"],
+                r["setting"]["allocator"],
+                format_seconds(r["seconds"]),
+                f"{r['ns_per_item']:.3g} ns",
+                "<br>".join(against) or "-",
+                "-" if share is None else f"{100 * share:.0f} %",
+                "-" if temporary is None else f"{temporary:.2f} B",
+                {True: "met", False: "missed", None: "-"}[r["met"]],
+            ]
+        )
+    return markdown_table(head, rows)
 
 
 def _key(result: dict) -> tuple[str, str]:
-    """What tells results of one device apart."""
+    """Name and allocator, which tell results of one device apart."""
     return result["name"], result["setting"]["allocator"]
-
-
-def _rounded(value):
-    """The value with numbers of four significant digits: more is noise, and the file stays small."""
-    if isinstance(value, dict):
-        return {k: _rounded(v) for k, v in value.items()}
-    if isinstance(value, list):
-        return [_rounded(v) for v in value]
-    return float(f"{value:.4g}") if isinstance(value, float) else value

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Target:
-    """How much faster than a reference the kernel must be.
+    """A bound on how much faster than a reference the kernel must be.
 
     Attributes:
         reference: Name of the candidate that it is held against.
@@ -22,16 +22,16 @@ class KernelRow:
     """One kernel at one size, with everything it is compared with in the same process.
 
     Attributes:
-        name: Of the row: kernel and size, unique, such as "box_count 7, 512^3".
+        name: Unique name of the row: kernel and size, such as "box_count 7, 512^3".
         ours: Name of the candidate that the targets are about.
-        candidates: What to call, by name; results are waited for. Results are checked against each other before the
-            row is built, by the module that builds it.
+        candidates: Functions of no arguments by name; results are waited for. The module that builds the row checks
+            their results against each other before.
         count: Items that one call processes.
-        unit: What an item is: "voxel", "point", "pose".
+        unit: Name of an item: "voxel", "point", "pose".
         bytes_moved: Bytes that a call must move at least, 0 where memory is not the limit.
-        targets: What must hold.
+        targets: Ratios that must hold.
         max_ns: Largest time per item [ns]; 0 for none.
-        temporary_bytes: Of the compiled kernel (`memory_analysis`); None where it is not one compiled call.
+        temporary_bytes: Temporary memory of the compiled kernel (`memory_analysis`); None where it is not one call.
         max_temporary: Largest `temporary_bytes` per item; 0 for none.
         note: One line on how it was set up.
     """

@@ -29,10 +29,6 @@ from bench import kernel_results, kernel_setting
 from bench.kernel_row import KernelRow
 from bench.timing import time_interleaved
 
-_LIMIT = "limit: widening copy"
-_LIMIT_SIDE = {"cpu": 256, "gpu": 512}
-_BYTES_WIDENED = 3  # one read, two written
-
 
 def main(argv: list[str]) -> int:
     """Run the benchmark; 1 if a module of rows failed or, with --gate, a ratio fell."""
@@ -127,11 +123,12 @@ def _result(row: KernelRow, args: argparse.Namespace, setting: dict[str, str]) -
     """Time one row, the limit with it where memory is its limit."""
     candidates = dict(row.candidates)
     if row.bytes_moved:
-        candidates[_LIMIT] = widening_copy()
+        candidates["limit: widening copy"] = widening_copy()
     timings = time_interleaved(candidates, rounds=args.rounds or (5 if args.quick else 7))
     limit = 0.0
     if row.bytes_moved:
-        limit = _BYTES_WIDENED * _limit_side() ** 3 / timings[-1].median_s
+        bytes_widened = 3 * _limit_side() ** 3  # one byte is read for each voxel, two are written
+        limit = bytes_widened / timings[-1].median_s
         timings = timings[:-1]
     return kernel_results.result_of(row, timings, limit, setting, args.quick)
 
@@ -148,11 +145,11 @@ def widening_copy() -> Callable[[], object]:
 
 def _limit_side() -> int:
     """Edge of the grid that is copied: larger than the caches."""
-    return _LIMIT_SIDE.get(jax.devices()[0].platform, 256)
+    return 512 if jax.devices()[0].platform == "gpu" else 256
 
 
 def _gate(results: list[dict], path: Path) -> int:
-    """Print what fell against the committed results; 1 if anything did, 2 if there is nothing to compare with."""
+    """Print ratios that fell against the committed ones; return 1 if any did, 2 if nothing is committed."""
     baseline = kernel_results.read(path)
     if not baseline:
         print(f"gate: no committed results for this kind of device ({path})", file=sys.stderr)

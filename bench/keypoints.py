@@ -22,12 +22,12 @@ ISS_SALIENT_RADIUS, ISS_MAX_RADIUS, ISS_RATIO, ISS_FEWEST = 6.0, 4.0, 0.975, 5
 HARRIS_RADIUS = 5.0
 """PCL has one radius for normals, response and maxima; its default, 1 cm, is for other data [voxel]."""
 
-_HARRIS_K = 0.04
 _CHUNK = 8192
+"""Voxels whose neighbours are held in memory at once."""
 
 
 def iss_source() -> str:
-    """Which implementation `iss_keypoints` uses."""
+    """Name of the implementation that `iss_keypoints` uses."""
     return "Open3D" if importlib.util.find_spec("open3d") else "bench.keypoints (Open3D is not installed)"
 
 
@@ -44,7 +44,7 @@ def iss_keypoints(grid: VoxelGrid) -> np.ndarray:
 
 
 def _open3d_iss(grid: VoxelGrid) -> np.ndarray:
-    """Open3D's, with its defaults given in voxels."""
+    """Keypoints by Open3D, with its defaults given in voxels."""
     import open3d
 
     geometry: Any = open3d.geometry
@@ -73,7 +73,8 @@ def harris_keypoints(grid: VoxelGrid) -> np.ndarray:
     matrix = sums[:, 1:10].reshape(-1, 3, 3)
     covariance = matrix / sums[:, :1, None]
     trace = np.trace(covariance, axis1=1, axis2=2)
-    response = _HARRIS_K + np.linalg.det(covariance) - _HARRIS_K * trace**2
+    k = 0.04  # the weight of the trace, as in PCL
+    response = k + np.linalg.det(covariance) - k * trace**2
     best = _local_maxima(index, response, HARRIS_RADIUS, 1)
     refined = point[best].copy()
     solvable = np.linalg.cond(matrix[best]) < 1e4
@@ -86,7 +87,7 @@ def harris_keypoints(grid: VoxelGrid) -> np.ndarray:
 
 
 def _neighbours(index: np.ndarray, radius: float) -> Iterator[csr_matrix]:
-    """For chunks of the voxels, which voxels lie within `radius` of each: 0/1 matrices (chunk, n)."""
+    """Matrices (chunk, n), one for each chunk of voxels: 1 where a voxel lies within `radius` of a chunk's, else 0."""
     reach = int(radius)
     steps = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     steps = steps[np.einsum("ij,ij->i", steps, steps) <= radius**2]

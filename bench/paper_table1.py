@@ -24,15 +24,23 @@ from voxjax.planes.triples import intersect_planes
 from voxjax.synthetic import simulate_team
 
 KINDS = ("room", "furniture", "opening")
-TOLERANCE = 2.0
-"""Found and correct within this [voxel]."""
-_REACH, _FEWEST = 7.0, 16
+"""Kinds of true corners, in the order of the table's rows."""
 
 
-def shown_corners(grid: VoxelGrid, position: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Which corners (n, 3), with normals (n, 3, 3) into free space, the map shows: bool (n,)."""
+def shown_corners(
+    grid: VoxelGrid, position: np.ndarray, normals: np.ndarray, *, reach: float = 7.0, fewest: int = 16
+) -> np.ndarray:
+    """Return which corners the map shows, bool (n,).
+
+    Args:
+        grid: The map.
+        position: Corners (n, 3) [m].
+        normals: Their normals (n, 3, 3), into free space.
+        reach: Distance from a corner up to which voxels count [voxel].
+        fewest: Least number of voxels of each face of a corner that is shown.
+    """
     points, states = grid.occupied_points().astype(np.float64), np.asarray(grid.states)
-    nearby = KDTree(points).query_ball_point(position, _REACH * grid.voxel_size)
+    nearby = KDTree(points).query_ball_point(position, reach * grid.voxel_size)
     shown = np.zeros(len(position), bool)
     for i, rows in enumerate(nearby):
         offset = points[rows] - position[i]
@@ -45,7 +53,7 @@ def shown_corners(grid: VoxelGrid, position: np.ndarray, normals: np.ndarray) ->
             index = grid.index_from_world(before)
             inside = ((index >= 0) & (index < states.shape)).all(axis=1)
             counts.append(np.count_nonzero(states[tuple(index[inside].T)] == 1))
-        shown[i] = min(counts) >= _FEWEST
+        shown[i] = min(counts) >= fewest
     return shown
 
 
@@ -66,7 +74,7 @@ def detect(grid: VoxelGrid, preset: str) -> tuple[np.ndarray, int, float]:
 
 
 def within(points: np.ndarray, others: np.ndarray, distance: float) -> np.ndarray:
-    """Which points have one of the others within a distance: bool."""
+    """Return which points have one of the others within a distance, bool."""
     if not len(points) or not len(others):
         return np.zeros(len(points), bool)
     return KDTree(others).query(points)[0] <= distance
@@ -75,19 +83,13 @@ def within(points: np.ndarray, others: np.ndarray, distance: float) -> np.ndarra
 def measure(
     grid: VoxelGrid, position: np.ndarray, is_shown: np.ndarray, kind: np.ndarray, preset: str
 ) -> dict:
-    """The rows of the table for one map and preset."""
+    """The rows of the table for one map and preset; corners are found and correct within two voxels."""
     found, before, seconds = detect(grid, preset)
-    reach = TOLERANCE * grid.voxel_size
+    reach = 2.0 * grid.voxel_size
     hit = within(position, found, reach)
     correct = int(np.count_nonzero(within(found, position, reach)))
-    rows = {
-        f"{name} corners": (
-            int((hit & is_shown & (kind == name)).sum()),
-            int((is_shown & (kind == name)).sum()),
-        )
-        for name in KINDS
-    }
-    rows["all corners"] = (int((hit & is_shown).sum()), int(is_shown.sum()))
+    chosen = {name: is_shown & (kind == name) for name in KINDS} | {"all": is_shown}
+    rows = {f"{name} corners": (int((hit & some).sum()), int(some.sum())) for name, some in chosen.items()}
     return {
         "rows": rows,
         "correct": correct,
@@ -99,7 +101,7 @@ def measure(
 
 
 def print_table(preset: str, maps: list[dict]) -> None:
-    """One column a map, the sum last."""
+    """Print a table with one column for each map, the sum last."""
     print(_line(f"preset {preset}", [f"map {i + 1}" for i in range(len(maps))], "all"))
     for name in maps[0]["rows"]:
         cells = [m["rows"][name] for m in maps]
@@ -130,7 +132,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--seeds", type=int, nargs="+", default=[11, 12, 13, 14])
     parser.add_argument("--voxel-size", type=float, default=0.1)
     parser.add_argument(
-        "--drift", type=float, default=0.03, help="of the positions that the mapper believes in [m]"
+        "--drift", type=float, default=0.03, help="drift of the positions that the mapper believes in [m]"
     )
     parser.add_argument("--presets", default="default,paper")
     options = parser.parse_args(argv)

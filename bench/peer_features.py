@@ -32,6 +32,6 @@ def mutual_matches(features_b: np.ndarray, features_a: np.ndarray, *, most: int)
 
 
 def _nearest(features: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For each row the distance to the nearest of the others, and its number."""
+    """Distance of each row to the nearest of the others, and the number of that one."""
     distances, rows = KDTree(others).query(features, workers=-1)
     return np.asarray(distances), np.asarray(rows)

@@ -17,13 +17,11 @@ import numpy as np
 from bench.peer_features import fpfh, mutual_matches
 from voxjax import InputError
 
-LARGEST_WORKING_VOXEL = 0.3
-MOST_TEASER_MATCHES = 5000
 _LIBRARIES = "on Debian and Ubuntu it also needs libusb-1.0-0, libgl1, libegl1, libgomp1 and libx11-6"
 
 
 class Coarse(NamedTuple):
-    """What a peer answers before refinement.
+    """The answer of a peer before refinement.
 
     Attributes:
         T_a_b: (4, 4).
@@ -43,8 +41,8 @@ class PeerAnswer(NamedTuple):
         T_a_b: (4, 4) after refinement.
         is_valid: See `Coarse`.
         score: See `Coarse`.
-        seconds: All of it, refinement included.
-        refine_seconds: The refinement alone.
+        seconds: Time of all of it, refinement included [s].
+        refine_seconds: Time of the refinement alone [s].
     """
 
     T_a_b: np.ndarray
@@ -59,9 +57,9 @@ class Peer:
     """Another system.
 
     Attributes:
-        name: On the command line and in tables.
+        name: Name on the command line and in tables.
         modules: Modules that it needs.
-        install: How to install it.
+        install: Command and needs of its installation, for people.
         solve: `solve(points_a, points_b, working_voxel)`, points (n, 3) [m].
     """
 
@@ -71,11 +69,8 @@ class Peer:
     solve: Callable[[np.ndarray, np.ndarray, float], Coarse]
 
     def versions(self) -> dict[str, str]:
-        """Versions of the distributions that give its modules; a module may have been built without one."""
-        providers = importlib.metadata.packages_distributions()
-        # A distribution of one compiled module is not always listed, and is named as its module.
-        names = [name for module in self.modules for name in providers.get(module, [module])]
-        return {name: _version(name) for name in names}
+        """Versions of the distributions that give its modules."""
+        return module_versions(self.modules)
 
 
 def _version(name: str) -> str:
@@ -120,12 +115,12 @@ def _open3d(points_a: np.ndarray, points_b: np.ndarray, working: float) -> Coars
 def _teaser(points_a: np.ndarray, points_b: np.ndarray, working: float) -> Coarse:
     """FPFH as `_open3d`, mutual matches, TEASER++ as in its example with FPFH: its bound on noise is the voxel size.
 
-    Time and memory grow with the square of the matches, so that the nearest `MOST_TEASER_MATCHES` are taken. The score
+    Time and memory grow with the square of the matches, so that the nearest 5000 are taken. The score
     is the number of matches in the largest clique. Runs may differ: threads decide between cliques of one size.
     """
     module: Any = importlib.import_module("teaserpp_python")
     (cloud_b, features_b), (cloud_a, features_a) = (fpfh(points, working) for points in (points_b, points_a))
-    rows_b, rows_a = mutual_matches(features_b.data.T, features_a.data.T, most=MOST_TEASER_MATCHES).T
+    rows_b, rows_a = mutual_matches(features_b.data.T, features_a.data.T, most=5000).T
     T, clique = np.eye(4), 0
     if len(rows_b) >= 3:
         solver = module.RobustRegistrationSolver(
@@ -181,14 +176,30 @@ def load_peers(names: Sequence[str]) -> list[Peer]:
         if name not in known:
             raise InputError(f"peer {name!r} is not known; choose from {', '.join(known)}.")
         for module in known[name].modules:
-            try:
-                importlib.import_module(module)
-            except (ImportError, OSError) as error:  # a missing shared library may be either
-                raise InputError(
-                    f"peer {name!r} cannot be used because module {module} cannot be imported ({error}); "
-                    f"install it: {known[name].install}."
-                ) from error
+            require_module(name, module, known[name].install)
     return [known[name] for name in names]
+
+
+def require_module(peer: str, module: str, install: str) -> None:
+    """Import a module that a peer needs.
+
+    Raises:
+        InputError: If it cannot be imported: with the way to install it.
+    """
+    try:
+        importlib.import_module(module)
+    except (ImportError, OSError) as error:  # a missing shared library may be either
+        raise InputError(
+            f"peer {peer!r} cannot be used because module {module} cannot be imported ({error}); install it: {install}."
+        ) from error
+
+
+def module_versions(modules: Sequence[str]) -> dict[str, str]:
+    """Versions of the distributions that give some modules; a module may have been built without one."""
+    providers = importlib.metadata.packages_distributions()
+    # A distribution of one compiled module is not always listed, and is named as its module.
+    names = [name for module in modules for name in providers.get(module, [module])]
+    return {name: _version(name) for name in names}
 
 
 def working_voxel(voxel_size: float, *, is_real: bool) -> float:
@@ -196,8 +207,7 @@ def working_voxel(voxel_size: float, *, is_real: bool) -> float:
 
     Simulated maps: 0.3 m. Real ones: 2.5 voxels of the map, at most 0.3 m; never finer than the map itself.
     """
-    wanted = min(LARGEST_WORKING_VOXEL, 2.5 * voxel_size) if is_real else LARGEST_WORKING_VOXEL
-    return max(wanted, voxel_size)
+    return max(min(0.3, 2.5 * voxel_size) if is_real else 0.3, voxel_size)
 
 
 def run_peer(

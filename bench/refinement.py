@@ -13,17 +13,18 @@ of 0.15 m and a voxel. The table is printed from the file of results: a part tha
 """
 
 import argparse
-import os
 import sys
 from pathlib import Path
 
 import voxjax as vx
 from bench import kernel_setting
+from bench.cases import maps_folder
 from bench.refinement_covariance import covariance_rows
 from bench.refinement_parts import Plan, accuracy_rows, basin_rows, full_plan, quick_plan
 from bench.refinement_peers import load_refiners
 from bench.refinement_solver import solver_rows
 from bench.refinement_table import FILE, FOLDER, lines_of, markdown, read, write
+from bench.reports import names_in
 
 PARTS = {
     "accuracy": accuracy_rows,
@@ -32,8 +33,6 @@ PARTS = {
     "covariance": covariance_rows,
 }
 """What can be measured, by name; a new part needs an entry here and, to be printed, one in refinement_table.py."""
-
-DEFAULT_MAPS = Path(os.environ.get("VOXJAX_MAPS", "../shared/maps"))
 
 
 def main(argv: list[str]) -> int:
@@ -63,7 +62,7 @@ def _parse(argv: list[str]) -> argparse.Namespace:
     parser.add_argument(
         "--starts", type=int, metavar="N", help="random starts of a pair and error; default: 3"
     )
-    parser.add_argument("--seed", type=int, default=4000, help="of the generated pairs and the starts")
+    parser.add_argument("--seed", type=int, default=4000, help="seed of the generated pairs and the starts")
     parser.add_argument("--quick", action="store_true", help="few pairs and starts: under a minute")
     parser.add_argument("--table", action="store_true", help="print the results as Markdown, run nothing")
     parser.add_argument("--plot", type=Path, metavar="FOLDER", help="draw the results there")
@@ -76,7 +75,7 @@ def _parse(argv: list[str]) -> argparse.Namespace:
 
 
 def _run(args: argparse.Namespace) -> int:
-    names = [name.strip() for name in args.only.split(",") if name.strip()]
+    names = names_in(args.only)
     for name in names:
         if name not in PARTS:
             raise vx.InputError(f"part {name!r} is not known; choose from {', '.join(PARTS)}.")
@@ -85,7 +84,7 @@ def _run(args: argparse.Namespace) -> int:
 
         prepare_plots()
     plan = _plan(args)
-    refiners = load_refiners([name.strip() for name in args.peers.split(",") if name.strip()])
+    refiners = load_refiners(names_in(args.peers))
     setting = kernel_setting.describe() | {k: v for r in refiners for k, v in r.versions().items()}
     print("\n".join(f"{name:<16} {value}" for name, value in setting.items()))
     for name in names:
@@ -104,14 +103,8 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _plan(args: argparse.Namespace) -> Plan:
-    maps = args.maps or DEFAULT_MAPS
-    if args.maps is not None and not maps.is_dir():
-        raise vx.InputError(f"--maps {maps} is no folder; name the folder of test maps.")
-    if not maps.is_dir():
-        print(f"no folder {maps}: generated pairs only; name test maps with --maps")
-        maps = None
     make = quick_plan if args.quick else full_plan
-    return make(maps, args.seed, pairs=args.pairs, starts=args.starts)
+    return make(maps_folder(args.maps), args.seed, pairs=args.pairs, starts=args.starts)
 
 
 def _table(folder: Path) -> int:

@@ -16,28 +16,17 @@ from bench.cases import folder_cases
 from bench.worlds import FRAMES, MapPair
 from voxjax.synthetic import simulate_team
 
-SUITES = ("sim", "drift-free", "drifting")
-"""Pairs of the folder of test maps; generated pairs whose mapper knows where it is; generated pairs as they are."""
-
-VOXEL_SIZES = (0.1, 0.1, 0.2)
-"""Turn of the generated pairs; the turn of frames is slower, so that each size meets each frame."""
-
-DRIFTS = (0.01, 0.06)
-"""Bounds of the drift of the suite "drifting" [m]."""
-
-OVERLAPS = (0.3, 0.6)
-"""Bounds of the share of rooms that both robots of a generated pair visit."""
-
 
 @dataclass(frozen=True)
 class RefinementCase:
     """One pair of maps of one place; light until it is loaded.
 
     Attributes:
-        name: Unique; starts are drawn from it.
-        suite: One of `SUITES`.
+        name: Unique name, from which starts are drawn.
+        suite: "sim" (the folder of test maps), "drift-free" (generated, the mapper knows where it is) or "drifting"
+            (generated, with a drift of centimetres).
         frame: How the maps' frames lie: "yaw", "tilt" or "so3".
-        load: Gives the maps and the truth, which is never None.
+        load: Function that gives the maps and the truth, which is never None.
     """
 
     name: str
@@ -62,10 +51,12 @@ def generated_cases(suite: str, count: int, seed: int) -> list[RefinementCase]:
 
 def _generated(suite: str, seed: int, number: int) -> RefinementCase:
     rng = np.random.default_rng([seed, number, 2])
-    frame = FRAMES[number // len(VOXEL_SIZES) % len(FRAMES)]
-    voxel_size = VOXEL_SIZES[number % len(VOXEL_SIZES)]
-    overlap, clutter = float(rng.uniform(*OVERLAPS)), float(rng.uniform(0.4, 2.0))
-    drift = float(rng.uniform(*DRIFTS)) if suite == "drifting" else 0.0
+    voxel_sizes = (0.1, 0.1, 0.2)
+    # The turn of frames is slower than that of sizes, so that each size meets each frame.
+    frame = FRAMES[number // len(voxel_sizes) % len(FRAMES)]
+    voxel_size = voxel_sizes[number % len(voxel_sizes)]
+    overlap, clutter = float(rng.uniform(0.3, 0.6)), float(rng.uniform(0.4, 2.0))
+    drift = float(rng.uniform(0.01, 0.06)) if suite == "drifting" else 0.0
     world = int(np.random.SeedSequence([seed, number]).generate_state(1)[0])
 
     def load() -> MapPair:
@@ -78,11 +69,6 @@ def _generated(suite: str, seed: int, number: int) -> RefinementCase:
     return RefinementCase(f"{suite}/{seed}_{number}_{frame}_{voxel_size:g}", suite, frame, load)
 
 
-def centroid_of_b(pair: MapPair) -> np.ndarray:
-    """Centroid of map b's occupied voxels [m], where errors of position are made and measured."""
-    return pair.b.occupied_points().mean(axis=0, dtype=np.float64)
-
-
 def pose_off(
     T_a_b: np.ndarray, centroid: np.ndarray, *, metres: float, degrees: float, rng: np.random.Generator
 ) -> np.ndarray:
@@ -90,9 +76,9 @@ def pose_off(
 
     Args:
         T_a_b: (4, 4) truth.
-        centroid: Of map b [m], in frame b.
-        metres: How far the centroid's image is moved, in a random direction.
-        degrees: How far the map is turned about that image, about a random axis.
+        centroid: Centroid of map b [m], in frame b.
+        metres: Distance by which the centroid's image is moved, in a random direction.
+        degrees: Angle by which the map is turned about that image, about a random axis.
         rng: Drawn from six times whatever the lengths, so that starts of one number point the same way.
     """
     axis, direction = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
@@ -105,12 +91,30 @@ def pose_off(
 
 
 def starts_of(
-    case: RefinementCase, pair: MapPair, count: int, *, metres: float, degrees: float, seed: int
+    case: RefinementCase,
+    pair: MapPair,
+    count: int,
+    *,
+    metres: float = 0.3,
+    degrees: float = 3.0,
+    seed: int,
 ) -> Sequence[np.ndarray]:
-    """So many starts of one size; the same case, size and seed give the same."""
+    """Starts of a case whose errors have one size; the same case, size and seed give the same starts.
+
+    Args:
+        case: The case, whose name decides the directions of the errors.
+        pair: Maps and truth of the case.
+        count: Number of starts.
+        metres: Error of position of each start; the default is a start off by decimetres.
+        degrees: Error of rotation of each start.
+        seed: Seed of the directions.
+
+    Raises:
+        ValueError: If the pair has no true pose.
+    """
     if pair.T_a_b is None:
         raise ValueError(f"case {case.name} has no true pose")
-    centroid = centroid_of_b(pair)
+    centroid = pair.centroid_of_b
     return [
         pose_off(
             pair.T_a_b,

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import jax.numpy as jnp
 import numpy as np
+from scipy.stats import chi2
 
 import voxjax as vx
 from bench.refinement_cases import starts_of
@@ -13,12 +14,6 @@ from voxjax.refinement.maps.pair import pose_problem
 from voxjax.refinement.residuals.pairs import tangent_between
 from voxjax.refinement.solve.covariance import MAP_ACCURACY, PATCH_VOXELS, plane_information
 from voxjax.refinement.solve.noise import implicit_covariance
-
-CHI2_95 = 12.592
-"""95 % quantile of the chi-squared distribution of 6 degrees of freedom."""
-
-METRES, DEGREES = 0.1, 1.0
-"""Error of the starts."""
 
 
 def covariance_rows(plan: Plan, refiners: object) -> Iterator[Row]:
@@ -35,7 +30,7 @@ def covariance_rows(plan: Plan, refiners: object) -> Iterator[Row]:
         if pair.T_a_b is None:
             continue
         a, b = prepare_map(pair.a), prepare_map(pair.b)
-        start = starts_of(case, pair, 1, metres=METRES, degrees=DEGREES, seed=plan.seed)[0]
+        start = starts_of(case, pair, 1, metres=0.1, degrees=1.0, seed=plan.seed)[0]
         refined = vx.refine(a, b, start, both_ways=True)
         problem = pose_problem(a, b, both_ways=True)
         T = jnp.asarray(refined.T_a_b)
@@ -69,6 +64,6 @@ def covariance_rows(plan: Plan, refiners: object) -> Iterator[Row]:
             "num_poses": len(values),
             "mean": float(normalised.mean()),
             "median": float(np.median(normalised)),
-            "below_95": float((normalised < CHI2_95).mean()),
+            "below_95": float((normalised < chi2.ppf(0.95, 6)).mean()),
             "metres": float(np.median(size)),
         }

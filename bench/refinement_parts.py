@@ -8,32 +8,28 @@ from typing import Any
 
 import numpy as np
 
-from bench.refinement_cases import RefinementCase, centroid_of_b, generated_cases, sim_cases, starts_of
+from bench.refinement_cases import RefinementCase, generated_cases, sim_cases, starts_of
 from bench.refinement_peers import Refiner
+from bench.timing import turned
 from bench.worlds import MapPair
 from voxjax.metrics import PoseError, pose_error
 
 Row = dict[str, Any]
 
-START_METRES, START_DEGREES = 0.3, 3.0
-"""Error of the starts of the part "accuracy"."""
-
-LARGEST_METRES, LARGEST_DEGREES = 2.0, 30.0
-"""End of each line of starts of the part "basin"; the third line goes to both at once."""
-
-LINES = {"translation": (1.0, 0.0), "rotation": (0.0, 1.0), "both": (1.0, 1.0)}
+LINES = {"translation": (2.0, 0.0), "rotation": (0.0, 30.0), "both": (2.0, 30.0)}
+"""Lines of starts of the part "basin", by name, with the largest error (metres, degrees) of each."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """How much is run.
+    """The pairs, starts and errors that are run.
 
     Attributes:
         suites: Pairs of the part "accuracy".
         basin: Pairs of the part "basin".
         starts: Random starts of each pair and error.
         levels: Errors of a line of the part "basin", zero included.
-        seed: Of the starts.
+        seed: Seed of the starts.
     """
 
     suites: Sequence[RefinementCase]
@@ -64,10 +60,8 @@ def accuracy_rows(plan: Plan, refiners: Sequence[Refiner]) -> Iterator[Row]:
     for turn, case in enumerate(plan.suites):
         print(f"  {case.name}", flush=True)
         pair = case.load()
-        starts = starts_of(
-            case, pair, plan.starts, metres=START_METRES, degrees=START_DEGREES, seed=plan.seed
-        )
-        for refiner in _turned(refiners, turn):
+        starts = starts_of(case, pair, plan.starts, seed=plan.seed)
+        for refiner in turned(refiners, turn):
             begin = time.perf_counter()
             refine = refiner.prepare_near(pair)
             prepare_seconds = time.perf_counter() - begin
@@ -117,42 +111,35 @@ def basin_rows(plan: Plan, refiners: Sequence[Refiner]) -> Iterator[Row]:
     for turn, case in enumerate(plan.basin):
         print(f"  {case.name}", flush=True)
         pair = case.load()
-        for refiner in _turned(refiners, turn):
+        for refiner in turned(refiners, turn):
             refine = refiner.prepare_wide(pair)
-            for line, (by_metres, by_degrees) in LINES.items():
+            for line, (most_metres, most_degrees) in LINES.items():
                 count = hits.setdefault((line, refiner.name), np.zeros(plan.levels, np.int64))
                 for level, far in enumerate(share):
-                    metres, degrees = far * by_metres * LARGEST_METRES, far * by_degrees * LARGEST_DEGREES
-                    starts = starts_of(
-                        case, pair, plan.starts, metres=metres, degrees=degrees, seed=plan.seed
-                    )
+                    size = {"metres": far * most_metres, "degrees": far * most_degrees}
+                    starts = starts_of(case, pair, plan.starts, **size, seed=plan.seed)
                     for start in starts[:1] if far == 0.0 else starts:
                         count[level] += has_converged(_error(refine(start), pair), pair.a.voxel_size)
     trials = np.full(plan.levels, len(plan.basin) * plan.starts)
     trials[0] = len(plan.basin)  # without an error all directions are one
-    for line, (by_metres, by_degrees) in LINES.items():
+    for line, (most_metres, most_degrees) in LINES.items():
         for refiner in refiners:
             yield {
                 "line": line,
                 "method": refiner.name,
                 "num_pairs": len(plan.basin),
                 "num_trials": trials.tolist(),
-                "metres": (share * by_metres * LARGEST_METRES).tolist(),
-                "degrees": (share * by_degrees * LARGEST_DEGREES).tolist(),
+                "metres": (share * most_metres).tolist(),
+                "degrees": (share * most_degrees).tolist(),
                 "converged": (hits[line, refiner.name] / trials).tolist(),
             }
 
 
 def has_converged(error: PoseError, voxel_size: float) -> bool:
-    """Whether a pose is within 1 degree and the larger of 0.15 m and a voxel of the truth."""
+    """Return whether a pose is within 1 degree and the larger of 0.15 m and a voxel of the truth."""
     return error.degrees <= 1.0 and error.metres <= max(0.15, voxel_size)
 
 
 def _error(T: np.ndarray, pair: MapPair) -> PoseError:
     assert pair.T_a_b is not None  # starts_of has refused other pairs
-    return pose_error(T, pair.T_a_b, centroid_of_b(pair))
-
-
-def _turned(refiners: Sequence[Refiner], turn: int) -> list[Refiner]:
-    shift = turn % len(refiners)
-    return [*refiners[shift:], *refiners[:shift]]
+    return pose_error(T, pair.T_a_b, pair.centroid_of_b)

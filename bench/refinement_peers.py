@@ -9,7 +9,6 @@ number 2): with a first reach of 4 m both point-to-plane methods leave even its 
 """
 
 import importlib
-import importlib.metadata
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,11 +17,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import voxjax as vx
+from bench.peers import module_versions, require_module
 from bench.worlds import MapPair
 from voxjax.maps.prepared import prepare_map
 
 Refine = Callable[[np.ndarray], np.ndarray]
-"""From a start, (4, 4) `T_a_b`, to the refined pose."""
+"""Function from a start, (4, 4) `T_a_b`, to the refined pose."""
 
 Prepare = Callable[[MapPair], Refine]
 
@@ -46,10 +46,10 @@ class Stage(NamedTuple):
 
 
 NEAR = (Stage(2.0, 1.0), Stage(1.0, 0.3))
-"""For starts that are off by decimetres."""
+"""Stages of the peers for starts that are off by decimetres."""
 
 WIDE = (Stage(4.0, 2.0), Stage(2.0, 1.0), Stage(1.0, 0.3))
-"""For starts that are off by metres."""
+"""Stages of the peers for starts that are off by metres."""
 
 WIDE_DISTANCE = 2.0
 """First robust scale of voxjax for starts that are off by metres [m]; for others its default, 4 voxels."""
@@ -63,10 +63,11 @@ class Refiner:
     """A method.
 
     Attributes:
-        name: In tables.
-        module: That it needs; None for voxjax.
-        prepare_near: From a pair to what refines starts off by decimetres: prepared maps, normals, trees.
-        prepare_wide: The same for starts off by metres.
+        name: Name in tables.
+        module: Module that it needs; None for voxjax.
+        prepare_near: Function from a pair to what refines starts that are off by decimetres: it prepares maps,
+            normals, trees.
+        prepare_wide: Function from a pair to what refines starts that are off by metres.
     """
 
     name: str
@@ -76,11 +77,7 @@ class Refiner:
 
     def versions(self) -> dict[str, str]:
         """Versions of the installed distributions that give its module."""
-        if self.module is None:
-            return {}
-        # A distribution of one compiled module is not always listed, and is named as its module.
-        names = importlib.metadata.packages_distributions().get(self.module, [self.module])
-        return {name: importlib.metadata.version(name) for name in names}
+        return {} if self.module is None else module_versions([self.module])
 
 
 def load_refiners(peers: Sequence[str]) -> list[Refiner]:
@@ -92,12 +89,7 @@ def load_refiners(peers: Sequence[str]) -> list[Refiner]:
     for name in peers:
         if name not in _INSTALL:
             raise vx.InputError(f"peer {name!r} is not known; choose from {', '.join(_INSTALL)}.")
-        try:
-            importlib.import_module(name)
-        except (ImportError, OSError) as error:  # a missing shared library may be either
-            raise vx.InputError(
-                f"peer {name!r} cannot be used because it cannot be imported ({error}); install it: {_INSTALL[name]}."
-            ) from error
+        require_module(name, name, _INSTALL[name])
     return [r for r in REFINERS if r.module is None or r.module in peers]
 
 

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from bench.refinement_cases import generated_cases, starts_of
-from bench.refinement_parts import START_DEGREES, START_METRES, Plan, Row
+from bench.refinement_parts import Plan, Row
 from bench.timing import time_interleaved
 from voxjax import use_compilation_cache
 from voxjax._runtime.compilation_cache import PROGRAMS
@@ -31,8 +31,6 @@ from voxjax.refinement.maps.pair import as_dtype, pose_problem
 from voxjax.refinement.solve.pose import RefinedPose, solve_pose
 from voxjax.refinement.solve.problem import PoseProblem
 
-NUM_POINTS, NUM_STARTS = 10240, 64
-
 TARGETS = {
     "float32, warm": ("seconds", 0.030),
     "float64, warm": ("seconds", 0.015),
@@ -42,13 +40,13 @@ TARGETS = {
     "first solve, compiled": ("seconds", 3.0),
     "first solve, from the cache": ("seconds", 0.6),
 }
-"""What was asked for, by row; every one is a most."""
+"""Targets by row: the unit of the row's value, and the most that it may be."""
 
 
 def solver_rows(plan: Plan, refiners: object) -> Iterator[Row]:
     """A row for each time, with its target."""
     del refiners
-    starts, problem, scales = make_problem(plan.seed, NUM_STARTS)
+    starts, problem, scales = make_problem(plan.seed, 64)
     for name, dtype in (("float32", np.float32), ("float64", np.float64)):
         with jax.enable_x64(dtype == np.float64):
             typed, levels = as_dtype(problem, dtype), scales.astype(dtype)
@@ -64,12 +62,14 @@ def solver_rows(plan: Plan, refiners: object) -> Iterator[Row]:
         yield _row("first solve, from the cache", _in_process(plan.seed, cache))
 
 
-def make_problem(seed: int, num_starts: int) -> tuple[np.ndarray, PoseProblem, np.ndarray]:
+def make_problem(
+    seed: int, num_starts: int, *, num_points: int = 10240
+) -> tuple[np.ndarray, PoseProblem, np.ndarray]:
     """Starts, point-to-plane residuals of a generated pair one way, and the scales that `vx.refine` takes."""
     case = generated_cases("drift-free", 1, seed)[0]
     pair = case.load()
-    problem = pose_problem(prepare_map(pair.a), prepare_map(pair.b), num_points=NUM_POINTS)
-    starts = starts_of(case, pair, num_starts, metres=START_METRES, degrees=START_DEGREES, seed=seed)
+    problem = pose_problem(prepare_map(pair.a), prepare_map(pair.b), num_points=num_points)
+    starts = starts_of(case, pair, num_starts, seed=seed)
     voxel = pair.a.voxel_size
     return np.stack(starts).astype(np.float32), problem, robust_scales(4 * voxel, voxel)
 

@@ -1,4 +1,4 @@
-"""Results of the benchmark of refinement: the file that keeps them, targets, lines for people, Markdown for the README.
+"""Results of the benchmark of refinement: the file that keeps them, targets, lines for people, Markdown.
 
 The file holds, by part, what it ran on ("setting"), whether in the quick form ("quick"), and its "rows"; see
 bench/refinement_parts.py. It lies in a folder of its own, for bench/results has files of kernels.
@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from bench.reports import markdown_table, rounded, write_json
 from bench.timing import format_seconds
 from voxjax import InputError
-from voxjax._runtime.whole_files import write_file
 
 Row = dict[str, Any]
 Results = dict[str, dict[str, Any]]
@@ -42,9 +42,8 @@ def read(path: Path) -> Results:
 
 def write(path: Path, part: str, result: dict[str, Any]) -> None:
     """Put one part's results into the file; other parts stay."""
-    results = (read(path) if path.exists() else {}) | {part: _rounded(result)}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_file(path, (json.dumps(results, indent=1) + "\n").encode(), force=True)
+    results = (read(path) if path.exists() else {}) | {part: rounded(result)}
+    write_json(path, results)
 
 
 def lines_of(row: Row) -> list[str]:
@@ -83,7 +82,7 @@ def width(row: Row) -> tuple[float, float]:
 
 
 def targets(results: Results) -> list[tuple[str, str, bool]]:
-    """What was asked for, what was measured, whether it was met."""
+    """The targets: a line for each with the text of what was measured, and whether it was met."""
     found = []
     accuracy = results.get("accuracy", {}).get("rows", [])
     for suite in dict.fromkeys(row["suite"] for row in accuracy):
@@ -129,7 +128,7 @@ def markdown(results: Results) -> str:
             "time",
             "preparation",
         )
-        parts.append(_table(head, [_accuracy_cells(row) for row in rows]))
+        parts.append(markdown_table(head, [_accuracy_cells(row) for row in rows]))
     if "basin" in results:
         rows = results["basin"]["rows"]
         lines = list(dict.fromkeys(row["line"] for row in rows))
@@ -137,7 +136,7 @@ def markdown(results: Results) -> str:
         for row in rows:
             by_method.setdefault(row["method"], {})[row["line"]] = row
         cells = [[name, *(_width_text(mine[line]) for line in lines)] for name, mine in by_method.items()]
-        parts.append(_table((f"{100 * CONVERGED_SHARE:g} % converge up to", *lines), cells))
+        parts.append(markdown_table((f"{100 * CONVERGED_SHARE:g} % converge up to", *lines), cells))
     if "covariance" in results:
         head = (
             "pairs",
@@ -156,10 +155,10 @@ def markdown(results: Results) -> str:
             ]
             for row in results["covariance"]["rows"]
         ]
-        parts.append(_table(head, cells))
+        parts.append(markdown_table(head, cells))
     judged = [[what, value, "met" if is_met else "missed"] for what, value, is_met in targets(results)]
     if judged:
-        parts.append(_table(("target", "measured", ""), judged))
+        parts.append(markdown_table(("target", "measured", ""), judged))
     quick = [name for name, part in results.items() if part["quick"]]
     if quick:
         parts.append(f"In the quick form, on few pairs: {', '.join(quick)}.")
@@ -197,17 +196,3 @@ def _width_text(row: Row) -> str:
     metres, degrees = width(row)
     texts = [f"{metres:g} m"] * (row["metres"][-1] > 0.0) + [f"{degrees:g}°"] * (row["degrees"][-1] > 0.0)
     return ", ".join(texts)
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
-    return "\n".join([*lines, *(f"| {' | '.join(cells)} |" for cells in rows)])
-
-
-def _rounded(value: Any) -> Any:
-    """The value with numbers of four significant digits: more is noise, and the file stays small."""
-    if isinstance(value, dict):
-        return {k: _rounded(v) for k, v in value.items()}
-    if isinstance(value, list):
-        return [_rounded(v) for v in value]
-    return float(f"{value:.4g}") if isinstance(value, float) else value

@@ -22,16 +22,13 @@ import jax
 import numpy as np
 
 import voxjax as vx
-from bench.cases import Case, folder_cases, generated_cases
+from bench.cases import Case, folder_cases, generated_cases, maps_folder
 from bench.peers import Peer, load_peers, run_peer
 from bench.plots import draw_plots, prepare_plots
+from bench.reports import names_in, write_json
 from bench.summary import Row, markdown, summarize
-from bench.timing import setting
+from bench.timing import setting, turned
 from bench.worlds import MapPair
-from voxjax._runtime.whole_files import write_file
-
-DEFAULT_MAPS = Path(os.environ.get("VOXJAX_MAPS", "../shared/maps"))
-PRESETS = ("default", "paper")
 
 Method = Callable[[Case, MapPair], Row]
 
@@ -73,7 +70,7 @@ def _parse(argv: list[str]) -> argparse.Namespace:
 
 
 def _run(args: argparse.Namespace) -> int:
-    peers = load_peers(_names(args.peers))
+    peers = load_peers(names_in(args.peers))
     methods = {f"voxjax {preset}": _voxjax(preset) for preset in _presets(args.presets)}
     methods |= {peer.name: _peer(peer) for peer in peers}
     if not methods:
@@ -81,7 +78,7 @@ def _run(args: argparse.Namespace) -> int:
     if args.plot is not None:
         prepare_plots()
     cases = _cases(args)
-    settings = {"maps": str(args.maps or DEFAULT_MAPS), "warm": args.warm}
+    settings = {"maps": str(args.maps or os.environ.get("VOXJAX_MAPS", "")), "warm": args.warm}
     rows = _resumed(args.out, settings) if args.resume else []
     print(setting())
     environment = _environment(peers)
@@ -91,45 +88,37 @@ def _run(args: argparse.Namespace) -> int:
         if not names:
             continue
         pair = case.load()
-        shift = turn % len(names)
-        for name in names[shift:] + names[:shift]:
+        for name in turned(names, turn):
             row = _measure(name, methods[name], case, pair, warm=args.warm)
             rows.append(row)
             print(_line(row), flush=True)
-        _save(args.out, {"environment": environment, "settings": settings, "rows": rows})
+        write_json(args.out, {"environment": environment, "settings": settings, "rows": rows})
     order = list(methods)
     rows.sort(key=lambda row: order.index(row["method"]) if row["method"] in order else len(order))
     print(f"\n{markdown(rows)}")
     contents = {"environment": environment, "settings": settings, "summary": summarize(rows), "rows": rows}
-    _save(args.out, contents)
+    write_json(args.out, contents)
     if args.plot is not None:
         print("\n" + "\n".join(f"wrote {path}" for path in draw_plots(rows, args.plot)))
     return 0
 
 
-def _names(text: str) -> list[str]:
-    return list(dict.fromkeys(name.strip() for name in text.split(",") if name.strip()))
-
-
 def _presets(text: str) -> list[str]:
-    names = _names(text)
+    names, known = names_in(text), ("default", "paper")
     for name in names:
-        if name not in PRESETS:
-            raise vx.InputError(f"preset {name!r} is not known; choose from {', '.join(PRESETS)}.")
+        if name not in known:
+            raise vx.InputError(f"preset {name!r} is not known; choose from {', '.join(known)}.")
     return names
 
 
 def _cases(args: argparse.Namespace) -> list[Case]:
     cases: list[Case] = []
-    sources, root = _names(args.only), args.maps or DEFAULT_MAPS
-    if sources and root.is_dir():
+    sources = names_in(args.only)
+    root = maps_folder(args.maps, is_wanted=bool(sources))
+    if root is not None:
         cases = folder_cases(
             root, sources, num_reframings=args.reframings, with_half=args.half, seed=args.seed
         )
-    elif args.maps is not None and sources:
-        raise vx.InputError(f"--maps {args.maps} is no folder; name the folder of test maps.")
-    elif sources:
-        print(f"no folder {root}: generated pairs only; name test maps with --maps")
     cases += generated_cases(args.generated, args.seed)
     cases = [case for case in cases if not args.case or any(part in case.name for part in args.case)]
     if not cases:
@@ -161,7 +150,7 @@ def _voxjax(preset: Any) -> Method:
                 "conflict": float(leaders[0].evidence.free_conflict),
                 "rival": float(leaders[1].score) if len(leaders) > 1 else 0.0,
             }
-        return row | case.judge([np.asarray(h.T_a_b) for h in leaders], pair.T_a_b, _centroid(pair))
+        return row | case.judge([np.asarray(h.T_a_b) for h in leaders], pair.T_a_b, pair.centroid_of_b)
 
     return run
 
@@ -179,13 +168,13 @@ def _peer(peer: Peer) -> Method:
             "accepted": answer.is_valid,
             "score": answer.score,
         }
-        return row | case.judge([answer.T_a_b], pair.T_a_b, _centroid(pair))
+        return row | case.judge([answer.T_a_b], pair.T_a_b, pair.centroid_of_b)
 
     return run
 
 
 def _measure(name: str, method: Method, case: Case, pair: MapPair, *, warm: bool) -> Row:
-    """The method's row; with `warm` of its second call, and the time of the first beside it."""
+    """The method's row; with `warm` the row is of a second call, and holds the time of the first."""
     first = {"first_seconds": method(case, pair)["seconds"]} if warm else {}
     about: Row = {
         "case": case.name,
@@ -199,10 +188,6 @@ def _measure(name: str, method: Method, case: Case, pair: MapPair, *, warm: bool
         "num_occupied": [pair.a.num_occupied, pair.b.num_occupied],
     }
     return about | first | method(case, pair)
-
-
-def _centroid(pair: MapPair) -> np.ndarray:
-    return pair.b.occupied_points().mean(axis=0, dtype=np.float64)
 
 
 def _line(row: Row) -> str:
@@ -225,11 +210,6 @@ def _environment(peers: list[Peer]) -> dict[str, Any]:
         "cores": os.cpu_count(),
         "versions": versions,
     }
-
-
-def _save(path: Path, contents: dict[str, Any]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_file(path, json.dumps(contents, indent=1).encode(), force=True)
 
 
 def _resumed(path: Path, settings: dict[str, Any]) -> list[Row]:

@@ -12,8 +12,6 @@ import numpy as np
 OVERLAP_BINS = ((0.0, 0.1), (0.1, 0.2), (0.2, 0.35), (0.35, 0.6), (0.6, 1.0 + 1e-9))
 ROTATIONS = ("yaw", "tilt", "so3")
 SOURCES = ("sim", "generated", "real", "re-framed", "half")
-NUM_LEADERS = 5
-"""The truth should be among so many hypotheses where rooms repeat."""
 
 Row = dict[str, Any]
 
@@ -29,7 +27,7 @@ def bin_label(low: float, high: float) -> str:
 
 
 def in_bin(row: Row, low: float, high: float) -> bool:
-    """Whether the row is of a pair of one place whose overlap falls into the bin."""
+    """Return whether the row is of a pair of one place whose overlap falls into the bin."""
     return row["kind"] == "pair" and low <= row["overlap"] < high
 
 
@@ -66,7 +64,7 @@ def summarize(rows: Sequence[Row]) -> list[tuple[str, dict[str, str | None]]]:
         line(f"wrong accepts, {label}", lambda r, k=kind: r["kind"] == k, _wrong_accepts)
     line("accepted, different buildings", lambda r: r["kind"] == "none", _wrong_accepts)
     line("right, repeated rooms", lambda r: r["kind"] == "hotel", _right)
-    line(f"truth in the first {NUM_LEADERS}, repeated rooms", lambda r: r["kind"] == "hotel", _among_leaders)
+    line("truth in the first 5, repeated rooms", lambda r: r["kind"] == "hotel", _among_leaders)
     line("truth among the hypotheses, one place", lambda r: r["kind"] == "pair", _ranked)
     for key, unit in (("degrees", "deg"), ("metres", "m")):
         line(
@@ -123,7 +121,7 @@ def _wrong_accepts(rows: list[Row]) -> str | None:
 
 
 def _among_leaders(rows: list[Row]) -> str:
-    return _share(sum(r["rank"] is not None and r["rank"] < NUM_LEADERS for r in rows), rows)
+    return _share(sum(r["rank"] is not None and r["rank"] < 5 for r in rows), rows)
 
 
 def _ranked(rows: list[Row]) -> str:

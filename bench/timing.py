@@ -11,11 +11,14 @@ import importlib.metadata
 import os
 import platform
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import jax
 import numpy as np
+
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
@@ -23,8 +26,8 @@ class Timing:
     """Times of one candidate.
 
     Attributes:
-        name: Of the candidate.
-        first_s: Its first call, compilation included [s].
+        name: Name of the candidate.
+        first_s: Time of the first call, compilation included [s].
         median_s: Median of the later calls [s].
         low_s: Lower quartile [s].
         high_s: Upper quartile [s].
@@ -48,8 +51,8 @@ def time_interleaved(candidates: Mapping[str, Callable[[], object]], *, rounds: 
     """Time several functions of no arguments against each other.
 
     Args:
-        candidates: What to call, by name; results are waited for with `jax.block_until_ready`.
-        rounds: Timed calls of each.
+        candidates: Functions by name; results are waited for with `jax.block_until_ready`.
+        rounds: Number of timed calls of each candidate.
 
     Returns:
         One entry a candidate, in their order.
@@ -58,14 +61,19 @@ def time_interleaved(candidates: Mapping[str, Callable[[], object]], *, rounds: 
     first = {name: _seconds(candidates[name]) for name in names}
     times: dict[str, list[float]] = {name: [] for name in names}
     for turn in range(rounds):
-        shift = turn % len(names)
-        for name in names[shift:] + names[:shift]:
+        for name in turned(names, turn):
             times[name].append(_seconds(candidates[name]))
     timings = []
     for name in names:
         low, median, high = np.percentile(times[name], (25.0, 50.0, 75.0))
         timings.append(Timing(name, first[name], float(median), float(low), float(high), rounds))
     return timings
+
+
+def turned(items: Sequence[Item], turn: int) -> list[Item]:
+    """Items in an order that begins one later with each turn, so that no item always comes first."""
+    shift = turn % len(items)
+    return [*items[shift:], *items[:shift]]
 
 
 def setting() -> str:

@@ -21,10 +21,6 @@ from scipy.optimize import minimize
 from voxjax.registration.judging import conflict_pieces, verdict
 from voxjax.registration.judging.leaders import Judgement
 
-FOLDS = 10
-RIDGE = 0.02
-LEVELS = (0.8, 0.85, 0.9, 0.95)
-
 
 def judgement_of(row: dict, *, without_truth: bool = False) -> tuple[Judgement, np.ndarray]:
     """The recorded leaders of a pair, and which of them are right."""
@@ -33,13 +29,9 @@ def judgement_of(row: dict, *, without_truth: bool = False) -> tuple[Judgement, 
     def column(key: str) -> np.ndarray:
         return np.asarray([one[key] for one in leaders], np.float64)
 
-    information = (
-        np.stack([np.diag([s / 3.0, s / 3.0 + 1.0, s / 3.0 + 1.0]) for s in column("support")]).reshape(
-            -1, 3, 3
-        )
-        if leaders
-        else np.zeros((0, 3, 3))
-    )
+    # The rows keep the support alone, so the information is one that has this support.
+    least = column("support")[:, None] / 3.0
+    information = (least + [0.0, 1.0, 1.0])[:, :, None] * np.eye(3)
     nothing = np.zeros(len(leaders))
     judged = Judgement(
         column("score"), nothing, nothing, information, column("contradiction"), column("shared")
@@ -48,7 +40,7 @@ def judgement_of(row: dict, *, without_truth: bool = False) -> tuple[Judgement, 
 
 
 def chances(judged: Judgement, *, first: np.ndarray, piece: float, has_free_space: bool) -> np.ndarray:
-    """`verdict.probabilities` with other coefficients: none, score, support; weight of log(1 m^2 + pieces)."""
+    """Probabilities as `verdict` gives them, with other coefficients: none, score, support; weight of pieces."""
     score = np.log(np.maximum(judged.score(), verdict.LEAST_EVIDENCE))
     support = np.log(np.maximum(verdict.support(judged), verdict.LEAST_SUPPORT))
     utility = first[1] * score + first[2] * support
@@ -63,12 +55,12 @@ def chances(judged: Judgement, *, first: np.ndarray, piece: float, has_free_spac
     return shares / shares.sum()
 
 
-def fit(rows: list[dict], *, has_free_space: bool) -> tuple[np.ndarray, float]:
-    """Coefficients of greatest likelihood, drawn a little toward 0."""
+def fit(rows: list[dict], *, has_free_space: bool, ridge: float = 0.02) -> tuple[np.ndarray, float]:
+    """Coefficients of greatest likelihood, drawn a little toward 0 by the weight `ridge` of their squares."""
     data = [judgement_of(row) for row in rows]
 
     def loss(x: np.ndarray) -> float:
-        total = RIDGE * float((x**2).sum())
+        total = ridge * float((x**2).sum())
         for judged, is_right in data:
             p = chances(judged, first=x[:3], piece=x[3], has_free_space=has_free_space)
             total -= float(np.log(max(p[int(np.argmax(is_right)) + 1 if is_right.any() else 0], 1e-12)))
@@ -79,14 +71,19 @@ def fit(rows: list[dict], *, has_free_space: bool) -> tuple[np.ndarray, float]:
     return found.x[:3], float(found.x[3])
 
 
-def judge_folds(rows: list[dict], *, has_free_space: bool) -> list[str]:
-    """Table of what would be accepted at which probability, by kind, on the folds left out."""
+def judge_folds(
+    rows: list[dict],
+    *,
+    has_free_space: bool,
+    num_folds: int = 10,
+    levels: tuple[float, ...] = (0.8, 0.85, 0.9, 0.95),
+) -> list[str]:
+    """Table of the pairs that would be accepted at some probabilities, by kind, on the folds left out."""
     found: list[tuple[str, float, bool]] = []
-    for fold in range(FOLDS):
-        first, piece = fit(
-            [r for i, r in enumerate(rows) if i % FOLDS != fold], has_free_space=has_free_space
-        )
-        for row in rows[fold::FOLDS]:
+    for fold in range(num_folds):
+        others = [row for number, row in enumerate(rows) if number % num_folds != fold]
+        first, piece = fit(others, has_free_space=has_free_space)
+        for row in rows[fold::num_folds]:
             for strike in (False, True) if row["rank"] is not None else (False,):
                 judged, is_right = judgement_of(row, without_truth=strike)
                 if len(is_right) == 0:
@@ -100,7 +97,7 @@ def judge_folds(rows: list[dict], *, has_free_space: bool) -> list[str]:
         mine = [one for one in found if one[0] == name]
         counts = [
             f"{level:g}: {sum(r and p >= level for _, p, r in mine)} / {sum(not r and p >= level for _, p, r in mine)}"
-            for level in LEVELS
+            for level in levels
         ]
         worst = max((p for _, p, r in mine if not r), default=0.0)
         lines.append(

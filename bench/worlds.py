@@ -14,10 +14,10 @@ from voxjax.synthetic import Team, different_buildings, simulate_hotel, simulate
 from voxjax.synthetic.building import make_building
 
 KINDS = ("pair", "pair", "hotel", "pair", "none", "pair", "pair", "hotel", "pair", "none")
-LARGE = (1, 3, 6)
-"""Turns of `KINDS` that take a large building."""
+"""Kinds of pairs in the order in which they take turns."""
+
 FRAMES = ("yaw", "tilt", "so3")
-VOXEL_SIZES = (0.1, 0.1, 0.1, 0.2)
+"""How frames of maps lie to each other: turned about z, leaning by some degrees as well, turned in any way."""
 
 
 @dataclass(frozen=True)
@@ -37,18 +37,23 @@ class MapPair:
     T_a_b: np.ndarray | None
     overlap: float
 
+    @property
+    def centroid_of_b(self) -> np.ndarray:
+        """Centroid of map b's occupied voxels [m], where errors of position are made and measured."""
+        return self.b.occupied_points().mean(axis=0, dtype=np.float64)
+
 
 @dataclass(frozen=True)
 class PairCase:
     """One generated pair; the maps are made when they are asked for.
 
     Attributes:
-        name: With the seed and the number.
+        name: Unique name, which holds the seed and the number.
         kind: "pair", "none" (different buildings) or "hotel" (equal rooms).
         frame: How the maps' frames lie: "yaw", "tilt" or "so3".
-        voxel_size: Of both maps [m].
-        options: What was drawn: options of the simulation.
-        make: Gives the maps and the truth.
+        voxel_size: Edge of the voxels of both maps [m].
+        options: Options of the simulation that were drawn.
+        make: Function that gives the maps and the truth.
     """
 
     name: str
@@ -67,7 +72,7 @@ def pair_case(seed: int, number: int) -> PairCase:
     kind, frame = KINDS[number % len(KINDS)], FRAMES[(number + number // len(KINDS)) % len(FRAMES)]
     options: dict[str, Any] = {
         "frame": frame,
-        "voxel_size": float(rng.choice(VOXEL_SIZES)),
+        "voxel_size": float(rng.choice((0.1, 0.1, 0.1, 0.2))),
         "drift": round(float(rng.uniform(0.01, 0.06)), 4),
     }
     if kind == "hotel":
@@ -76,7 +81,7 @@ def pair_case(seed: int, number: int) -> PairCase:
     else:
         # Few rooms in common are drawn more often: maps overlap by far more than the share of rooms, for robots look
         # through doors, map both sides of walls and miss rooms. Only large buildings give overlaps below 0.2.
-        is_large = number % len(KINDS) in LARGE
+        is_large = number % len(KINDS) in (1, 3, 6)
         options |= {
             "overlap": round(0.02 + 0.58 * float(rng.random()) ** 2 * (0.5 if is_large else 1.0), 3),
             "clutter": round(float(rng.uniform(0.4, 2.0)), 3),

@@ -20,9 +20,6 @@ SURFACE_BOX = (256, 256, 128)
 
 _COUNT = functools.partial(box_count, size=7)
 
-# Share of occupied blocks up to which counts in blocks, from packed bits, must not lose to the dense count.
-_SPARSE_SHARE = 0.1
-
 
 def rows(*, quick: bool) -> Iterator[KernelRow]:
     """Rows of this module; with `quick`, grids of at most 256 x 256 x 256 voxels."""
@@ -71,7 +68,7 @@ def _check_blocks(words: Array, counts: jax.Array) -> int:
 
 
 def _growth(small: tuple[int, int, int], large: tuple[int, int, int]) -> KernelRow:
-    """The same surface in a small and in a large grid."""
+    """Counts of one surface, in a small grid and in a large one."""
     grids = {_name(shape): jax.device_put(pack_words(surface(shape))) for shape in (small, large)}
     counts = [np.asarray(_in_blocks(words)) for words in grids.values()]
     assert int(counts[0].sum()) == int(counts[1].sum()) > 0
@@ -105,7 +102,8 @@ def _constant_surface(shape: tuple[int, int, int]) -> KernelRow:
         },
         count=int(host.sum()),
         unit="occupied voxel",
-        targets=(Target("dense", 1.0),) if share <= _SPARSE_SHARE else (),
+        # Up to a tenth of the blocks, counts in blocks from packed bits must not lose to the dense count.
+        targets=(Target("dense", 1.0),) if share <= 0.1 else (),
         note=f"{number} occupied blocks, {100 * share:.1f} % of all; the result stays in blocks",
     )
 

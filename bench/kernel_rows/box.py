@@ -18,7 +18,6 @@ from voxjax.ops.window.box import box_count
 
 _SIZE = 7
 _COPY = "numpy widening copy, memory reused"
-_LARGEST_SUMMED_AREA = 256
 _CPU_TARGETS = {
     "default": (Target("scipy uniform_filter", 8.0),),
     "tuned": (
@@ -81,11 +80,7 @@ def _count(side: int, on_gpu: bool, *, has_targets: bool) -> KernelRow:
     grid = jnp.asarray(host)
     ours = box_count.lower(grid, size=_SIZE).compile()
     calls: dict[str, Callable[[], object]] = {"box_count": functools.partial(ours, grid)}
-    names = (
-        ["packed"]
-        + (["pallas"] if on_gpu else [])
-        + (["summed_area"] if side <= _LARGEST_SUMMED_AREA else [])
-    )
+    names = ["packed"] + ["pallas"] * on_gpu + ["summed_area"] * (side <= 256)
     for name in names:
         calls[f"box_count {name}"] = functools.partial(box_count, grid, size=_SIZE, implementation=name)
     exact = list(calls.values())

@@ -21,8 +21,6 @@ try:
 except ImportError:
     open3d = None
 
-_NO_OPEN3D = "Open3D is not installed"
-
 
 def rows(*, quick: bool) -> Iterator[KernelRow]:
     """Rows on one grid of rooms, 128 or 256 voxels a side."""
@@ -44,7 +42,7 @@ def _moments_row(states: np.ndarray, size: int) -> KernelRow:
     normal = np.asarray(surface_moments(states, index, size=size).normal)
     note = "normals, curvature, free sides; "
     if open3d is None:
-        note += _NO_OPEN3D
+        note += "Open3D is not installed"
     else:
         cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(index.astype(np.float64)))
         nearest = open3d.geometry.KDTreeSearchParamKNN(30)

@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from bench.refinement_cases import RefinementCase, centroid_of_b, generated_cases, pose_off, starts_of
+from bench.refinement_cases import RefinementCase, generated_cases, pose_off, starts_of
 from bench.refinement_parts import Plan, accuracy_rows, basin_rows, has_converged
 from bench.refinement_peers import Refiner, load_refiners
 from bench.refinement_table import FILE, OURS, markdown, read, targets, width, write
@@ -65,7 +65,7 @@ def basin_row(method, shares, line="both"):
 @pytest.mark.parametrize(("metres", "degrees"), [(0.3, 3.0), (0.0, 30.0), (2.0, 0.0), (0.0, 0.0)])
 def test_a_start_is_off_by_exactly_what_is_asked(metres, degrees):
     pair = made_pair()
-    centroid = centroid_of_b(pair)
+    centroid = pair.centroid_of_b
     for start in starts_of(made_case(pair), pair, 5, metres=metres, degrees=degrees, seed=1):
         found_degrees, found_metres = motions.pose_error(start, pair.T_a_b, centroid)
         assert found_metres == pytest.approx(metres, abs=1e-9)
@@ -87,7 +87,7 @@ def test_starts_repeat_and_differ_with_number_seed_and_case():
 
 def test_starts_of_other_sizes_point_the_same_way():
     pair = made_pair()
-    centroid = centroid_of_b(pair)
+    centroid = pair.centroid_of_b
     assert pair.T_a_b is not None
     near, far = (
         pose_off(pair.T_a_b, centroid, metres=m, degrees=0.0, rng=np.random.default_rng(4))
