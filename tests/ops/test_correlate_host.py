@@ -7,17 +7,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from device_path import device_path
 from oracles.evidence import shifted_score
 from small_worlds import draw_map, pose
 from voxjax.ops.evidence import correlate_host as host
+from voxjax.ops.evidence.translations import search_translations
 from voxjax.registration.hypotheses.exhaustive import (
+    _coarse_map,
     _place,
     _quarter_turns_apart,
     exhaustive_hypotheses,
     upright_frame,
 )
 from voxjax.registration.hypotheses.map_features import map_features
-from voxjax.registration.hypotheses.translation_search import search_on_device, search_on_host
 
 CELLS = (16, 24, 20)
 
@@ -26,7 +28,7 @@ def test_peaks_are_the_largest_two_way_scores():
     rng = np.random.default_rng(0)
     fields = rng.normal(size=(4, *CELLS)).astype(np.float32)
     spectra = [np.fft.rfftn(f).astype(np.complex64) for f in fields]
-    top, shift = host.correlation_peaks(*spectra, cells=CELLS, num_peaks=5)
+    top, shift = host.correlation_peaks_on_host(*spectra, cells=CELLS, num_peaks=5)
     assert (np.diff(top) <= 0).all()
     for score, t in zip(top, shift, strict=True):
         assert abs(score - shifted_score(*fields, t)) < 1e-2
@@ -48,7 +50,7 @@ def test_a_reversed_block_has_the_reversed_transform(is_reversed):
     block = np.random.default_rng(2).normal(size=CELLS).astype(np.float32)
     axes = tuple(axis for axis in range(3) if is_reversed[axis])
     about_first = np.roll(np.flip(block, axes), 1, axes) if axes else block
-    spectrum = host.reverse(np.fft.rfftn(block), np.asarray(is_reversed), cells=CELLS)
+    spectrum = host.reversed_spectrum(np.fft.rfftn(block), np.asarray(is_reversed), cells=CELLS)
     np.testing.assert_allclose(spectrum, np.fft.rfftn(about_first), atol=1e-3)
 
 
@@ -65,7 +67,10 @@ def test_host_and_device_find_the_same_best_translations():
     # The frame is an estimate, good to a milliradian, so that families are not quite quarter turns apart.
     places = _place(*corners, _quarter_turns_apart(frame @ rotations, 5e-3), frame, 0.45)
     assert len({place.upright_b.tobytes() for place in places}) <= 12
-    results = [search(a.prepared, b.prepared, 3, places, 8) for search in (search_on_host, search_on_device)]
+    maps = [_coarse_map(m.prepared, 3) for m in (a, b)]
+    results = [search_translations(*maps, places, num_peaks=8, conflict_weight=3.0)]
+    with device_path():
+        results.append(search_translations(*maps, places, num_peaks=8, conflict_weight=3.0))
     num_clear = 0
     for (top, shift), (other_top, other_shift) in zip(*results, strict=True):
         # Blocks of other sizes group other peaks; the best one is the same.

@@ -8,7 +8,7 @@ from compilations import assert_compiles_nothing
 from oracles.evidence import nearest_brute_force
 from voxjax.ops.evidence import nearest_host
 from voxjax.ops.evidence.nearest import NOTHING_NEAR, nearest_field, split_keys
-from voxjax.ops.evidence.nearest_host import evidence_codes_host, nearest_field_host
+from voxjax.ops.evidence.nearest_host import evidence_codes_on_host, nearest_field_on_host
 from voxjax.ops.evidence.scoring import evidence_codes
 
 
@@ -64,7 +64,7 @@ def test_host_and_device_give_the_same_bits(shape, radius, seed):
     size = int(np.prod(shape))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(nearest_host, "SLAB", int(rng.choice([1, 64, 1 << 16])))
-        found = nearest_field_host(index, shape, length=size + 7, radius=radius)
+        found = nearest_field_on_host(index, shape, length=size + 7, radius=radius)
     assert (found[size:] == 0).all()
     expected = np.full(size, NOTHING_NEAR)
     if len(index):
@@ -77,11 +77,11 @@ def test_host_codes_equal_the_definition():
     states = rng.integers(0, 3, 5000).astype(np.uint8)
     keys = rng.integers(0, 2**32, 5000, dtype=np.uint64).astype(np.uint32)
     for hit_sq, clear_sq in ((2, 4), (0, 1), (20, 25)):
-        found = evidence_codes_host(states, keys, hit_sq, clear_sq, length=6000)
+        found = evidence_codes_on_host(states, keys, hit_sq, clear_sq, length=6000)
         assert (found[:5000] == np.asarray(evidence_codes(states, keys, hit_sq, clear_sq))).all()
         assert (found[5000:] == 0).all()
 
 
 def test_host_says_what_it_cannot_do():
     with pytest.raises(vx.InputError, match=r"radius must be 1 to 5 voxels, got 6"):
-        nearest_field_host(np.zeros((1, 3), np.int32), (2, 2, 2), length=8, radius=6)
+        nearest_field_on_host(np.zeros((1, 3), np.int32), (2, 2, 2), length=8, radius=6)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from oracles import soft_planes as oracle
 from voxjax._checks import InputError
-from voxjax.ops.surface import neighbourhood as module
+from voxjax._runtime import placement
 from voxjax.ops.surface.neighbourhood import ball_sums, neighbourhood
 
 _SHAPE = (9, 12, 7)
@@ -80,7 +80,7 @@ def test_one_piece_for_all_as_elsewhere_gives_the_same_sums(monkeypatch):
     index = _index(8, 500)
     weights = np.random.default_rng(9).integers(0, 5, 500).astype(np.float32)
     found = ball_sums(weights, neighbourhood(index, _SHAPE))
-    monkeypatch.setattr(module, "on_cpu", lambda: False)
+    monkeypatch.setattr(placement, "backend", lambda: "gpu")
     np.testing.assert_array_equal(found, ball_sums(weights, neighbourhood(index, _SHAPE)))
 
 

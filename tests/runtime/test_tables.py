@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from voxjax._runtime import tables as _tables
+from voxjax._runtime import placement
 from voxjax._runtime.tables import as_table, reserve, table_lengths
 from voxjax._runtime.threads import num_cores, spread
 
@@ -21,7 +21,7 @@ def test_lengths_hold_volume_and_list_and_are_few():
 
 
 def test_accelerators_have_the_finer_ladder(monkeypatch):
-    monkeypatch.setattr(_tables, "on_cpu", lambda: False)
+    monkeypatch.setattr(placement, "backend", lambda: "gpu")
     volume, length = table_lengths(10_000_000, 100_000)
     assert volume <= 1.5 * 10_000_000
     assert length <= 1.5 * 100_000

@@ -2,16 +2,16 @@
 
 A compiled kernel belongs to the shapes of its arguments. On a CPU a table is reserved at one of few lengths, each eight
 times the one before, in memory that the operating system provides page by page as it is written; JAX takes such an
-array as it is, without a copy. Accelerators know no such memory, and have the finer ladder of `_buckets`.
+array as it is, without a copy. Accelerators know no such memory, and have the finer ladder of `_runtime.buckets`.
 """
 
 import contextlib
 import mmap
 
-import jax
 import numpy as np
 
 from .buckets import bucket_size
+from .placement import on_host
 
 _STEP = 8
 _SMALLEST = 1 << 25
@@ -25,11 +25,6 @@ _HUGE = 1 << 22
 """Tables of fewer bytes have small pages: a huge one may be larger than what is in them."""
 
 
-def on_cpu() -> bool:
-    """Whether arrays lie in the memory of the host."""
-    return jax.default_backend() == "cpu"
-
-
 def table_lengths(num_cells: int, num_rows: int) -> tuple[int, int]:
     """Lengths of the tables for a volume and for a list of voxels in it; few different pairs.
 
@@ -37,7 +32,7 @@ def table_lengths(num_cells: int, num_rows: int) -> tuple[int, int]:
         num_cells: Cells of the volume.
         num_rows: Rows of the list.
     """
-    if not on_cpu():
+    if not on_host():
         return bucket_size(num_cells, 1 << 20), bucket_size(num_rows, 1 << 14)
     cells = _SMALLEST
     while cells < num_cells or cells // _CELLS_A_ROW < num_rows:

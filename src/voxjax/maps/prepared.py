@@ -1,17 +1,14 @@
 """`PreparedMap`: everything about one map that registration needs, computed once and used for all its pairs."""
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32, Int32, UInt8, UInt32
 
-from .._runtime.tables import as_table, on_cpu, table_lengths
+from .._runtime.placement import to_device
+from .._runtime.tables import as_table, table_lengths
 from .._types import Array
 from ..grid import VoxelGrid
-from ..ops.evidence.nearest import nearest_field
-from ..ops.evidence.nearest_host import evidence_codes_host, nearest_field_host
-from ..ops.evidence.scoring import evidence_codes
+from ..ops.evidence.map_tables import code_table, nearest_table
 from ..ops.surface.moments import surface_moments
 
 FIELD_RADIUS = 5
@@ -37,7 +34,7 @@ class PreparedMap(eqx.Module):
     Attributes:
         grid: The map at the working voxel size, cut to what is known.
         points: Occupied voxel centres [m], followed by zeros, as all lists and flat fields: their lengths are few
-            (`_tables`), so that maps share compiled kernels.
+            (`_runtime.tables`), so that maps share compiled kernels.
         anchors: The same points moved onto the planes through their neighbourhoods [m], which takes out most of what
             the grid rounded; voxel centres where there is no plane.
         normals: Unit normals, toward free space where the map has any.
@@ -79,8 +76,7 @@ class PreparedMap(eqx.Module):
     @property
     def block(self) -> tuple[Array, Array, Array]:
         """Dims, origin and voxel size, as the lookups take them."""
-        # Put there, since `jnp.asarray` compiles a kernel for each shape that it takes in.
-        origin, voxel_size = jax.device_put((self.grid.origin, np.float32(self.grid.voxel_size)))
+        origin, voxel_size = to_device((self.grid.origin, np.float32(self.grid.voxel_size)))
         return self.dims, origin, voxel_size
 
     @property
@@ -103,10 +99,7 @@ def _coarse_bounds(factor: int) -> tuple[int, int]:
 
 
 def _codes(states: Array, keys: Array, num_cells: int, bounds: tuple[int, int]) -> UInt8[Array, "flat"]:
-    if not on_cpu():
-        return evidence_codes(states, keys, *bounds)
-    host = np.asarray(states)[:num_cells], np.asarray(keys)[:num_cells]
-    return jax.device_put(evidence_codes_host(*host, *bounds, length=len(keys)))
+    return code_table(states, keys, num_cells, hit_sq=bounds[0], clear_sq=bounds[1])
 
 
 def _coarse_factor(voxel_size: float) -> int:
@@ -123,12 +116,8 @@ def prepare_map(grid: VoxelGrid) -> PreparedMap:
     states = np.asarray(grid.states)
     index = grid.occupied_index()
     cells, rows = table_lengths(states.size, len(index))
-    flat = jax.device_put(as_table(np.ascontiguousarray(states).reshape(-1), cells))
-    if on_cpu():
-        keys = jax.device_put(nearest_field_host(index, states.shape, length=cells, radius=FIELD_RADIUS))
-    else:
-        mask, dims = np.arange(rows) < len(index), jnp.asarray(states.shape, jnp.int32)
-        keys = nearest_field(as_table(index, rows), mask, dims, flat_size=cells, radius=FIELD_RADIUS)
+    flat = to_device(as_table(np.ascontiguousarray(states).reshape(-1), cells))
+    keys = nearest_table(index, states.shape, radius=FIELD_RADIUS)
 
     moments = surface_moments(states, index, size=7, reach=3)
     normals, curvature, offset = (np.asarray(a) for a in (moments.normal, moments.curvature, moments.offset))
@@ -138,7 +127,7 @@ def prepare_map(grid: VoxelGrid) -> PreparedMap:
     anchors = points + normals * (offset * is_planar * np.float32(grid.voxel_size))[:, None]
 
     def table(values: np.ndarray) -> Array:
-        return jax.device_put(as_table(values.astype(np.float32, copy=False), rows))
+        return to_device(as_table(values.astype(np.float32, copy=False), rows))
 
     return PreparedMap(
         grid=grid,
@@ -154,8 +143,8 @@ def prepare_map(grid: VoxelGrid) -> PreparedMap:
         codes=_codes(flat, keys, states.size, (HIT_SQ, CLEAR_SQ)),
         rough_codes=_codes(flat, keys, states.size, _coarse_bounds(_coarse_factor(grid.voxel_size))),
         states=flat,
-        dims=jax.device_put(np.asarray(states.shape, np.int32)),
-        centroid=jax.device_put(points.mean(axis=0, dtype=np.float64).astype(np.float32)),
+        dims=to_device(np.asarray(states.shape, np.int32)),
+        centroid=to_device(points.mean(axis=0, dtype=np.float64).astype(np.float32)),
     )
 
 

@@ -10,14 +10,12 @@ from jaxtyping import Float, Int
 from scipy.ndimage import uniform_filter
 
 from .._checks import InputError, check_positive
-from .._runtime.buckets import bucket_size, pad_rows
-from .._runtime.tables import on_cpu
 from .._runtime.threads import spread
 from .._types import FREE, Array
 from ..grid import VoxelGrid
 from ..ops.descriptors.fpfh import point_feature_histograms, surface_normals
 from ..ops.descriptors.match import mutual_nearest
-from ..ops.descriptors.tiles import near_tiles, padded_tiles, point_tree
+from ..ops.descriptors.tiles import near_tiles, point_tree
 
 SPACING_IN_VOXELS = 2.5
 """Working spacing over the map's voxel size; averages the steps of the lattice away."""
@@ -132,34 +130,25 @@ def match_descriptors(
             f"descriptors must have the same spacing in both maps, got {a.spacing:g} m and {b.spacing:g} m; "
             "describe both with spacing=working_spacing(voxel_size_a, voxel_size_b)."
         )
-    descriptors, masks = [], []
-    for level in (a, b):
-        count = len(level.descriptors)
-        # On accelerators the number of rows is the kernel's.
-        size = count if on_cpu() else bucket_size(count, 512)
-        descriptors.append(pad_rows(np.asarray(level.descriptors), size))
-        masks.append(np.arange(size) < count)
-    nearest, is_mutual, square = (np.asarray(x) for x in mutual_nearest(*descriptors, *masks))
+    descriptors = [np.asarray(level.descriptors) for level in (a, b)]
+    everything = [np.ones(len(rows), bool) for rows in descriptors]
+    nearest, is_mutual, square = (np.asarray(x) for x in mutual_nearest(*descriptors, *everything))
     rows = np.flatnonzero(is_mutual)
     return np.stack([rows, nearest[rows]], axis=1).astype(np.int32), square[rows]
 
 
 def _describe_level(points: np.ndarray, side: np.ndarray | None, spacing: float) -> DescriptorLevel:
     """Normals of the averaged points, their signs (toward `side`, or the surroundings), and descriptors."""
-    count, tree = len(points), point_tree(points)
+    tree = point_tree(points)
     normal_tiles, tiles = (near_tiles(tree, r * spacing) for r in (NORMAL_RADIUS, DESCRIPTOR_RADIUS))
     placed = points.astype(np.float32)
-    if not on_cpu():  # there the numbers of points and items are the kernels'
-        size = bucket_size(count, 512)
-        placed = pad_rows(placed, size)
-        normal_tiles, tiles = (padded_tiles(near, count, size) for near in (normal_tiles, tiles))
     normals = np.array(surface_normals(placed, normal_tiles, radius=NORMAL_RADIUS * spacing)[0])
     side = _toward_surroundings(points, 4.0 * spacing) if side is None else side
-    normals[:count] *= np.where(np.sum(normals[:count] * side, axis=1) < 0.0, -1.0, 1.0)[:, None]
+    normals *= np.where(np.sum(normals * side, axis=1) < 0.0, -1.0, 1.0)[:, None]
     descriptors = point_feature_histograms(
         placed, normals, tiles, radius=DESCRIPTOR_RADIUS * spacing, spacing=spacing
     )
-    return DescriptorLevel(placed[:count], normals[:count], np.asarray(descriptors)[:count], spacing)
+    return DescriptorLevel(placed, normals, np.asarray(descriptors), spacing)
 
 
 def _average_by_cell(points: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:

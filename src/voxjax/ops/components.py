@@ -19,6 +19,7 @@ from scipy import ndimage
 
 from .._checks import InputError, check_choice
 from .._runtime.buckets import bucket_size, pad_rows
+from .._runtime.placement import on_host
 from .._types import Array
 
 _RowsOf = Callable[[Array], list[tuple[Array, Array]]]
@@ -67,7 +68,7 @@ def connected_components(
     """
     _check_connectivity(connectivity)
     if implementation is None:
-        implementation = "scipy" if jax.default_backend() == "cpu" else "compact"
+        implementation = "scipy" if on_host(occupied) else "compact"
     check_choice("implementation", implementation, ("scipy", "compact"))
     host = np.ascontiguousarray(occupied)
     labels = np.zeros(host.shape, np.int32)

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .._runtime.tables import on_cpu
+from .._runtime.placement import on_host
 from .._types import Array
 
 _PIECE = 8192
@@ -84,7 +84,7 @@ def _stands_apart(values: Array, tolerance: Array) -> Bool[Array, "3 *n"]:
 
 @jax.custom_jvp
 def _decompose(entries: Array, tolerance: Array) -> tuple[Array, Array]:
-    return _by_pieces(entries)
+    return _decomposed(entries)
 
 
 @_decompose.defjvp
@@ -107,11 +107,11 @@ def _decompose_jvp(
 
 
 @partial(jax.jit, inline=True)
-def _by_pieces(entries: Float[Array, "6 *n"]) -> tuple[Array, Array]:
+def _decomposed(entries: Float[Array, "6 *n"]) -> tuple[Array, Array]:
     """Values (3, *n) and vectors (3, 3, *n); on a CPU in pieces whose columns fit the cache of a core."""
     batch, flat = entries.shape[1:], entries.reshape(6, -1)
     length = flat.shape[1]
-    if on_cpu() and length > _PIECE:
+    if on_host() and length > _PIECE:
         rows = jnp.pad(flat, ((0, 0), (0, -length % _PIECE))).reshape(6, -1, _PIECE)
         found = jax.lax.map(_closed_form, jnp.moveaxis(rows, 1, 0))
         found = [jnp.moveaxis(a, 0, -2).reshape(*a.shape[1:-1], -1)[..., :length] for a in found]

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Int32, UInt16
 
 from ..._checks import InputError, check_choice, check_odd_window
 from ..._runtime.buckets import bucket_size
+from ..._runtime.placement import on_host
 from ..._types import Array
 from ..window.classes import MAX_SIZE, box_count
 from .counts import count_in_blocks, cut_blocks, take_from_blocks
@@ -73,8 +74,7 @@ def box_count_at(
 
 def _packed(occupied: Occupied) -> Words:
     """Words of the grid; one that a CPU holds is packed where it lies by NumPy, which is faster than XLA."""
-    is_on_cpu = isinstance(occupied, jax.Array) and {d.platform for d in occupied.devices()} == {"cpu"}
-    return pack_words(np.asarray(occupied) if is_on_cpu else occupied)
+    return pack_words(np.asarray(occupied) if on_host(occupied) else occupied)
 
 
 @partial(jax.jit, static_argnames=("size",))

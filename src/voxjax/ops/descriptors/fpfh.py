@@ -13,12 +13,14 @@ import numpy as np
 from jaxtyping import Float32
 
 from ..._checks import InputError
+from ..._runtime.buckets import bucket_size, pad_rows
 from ..._runtime.pieces import over_pieces
+from ..._runtime.placement import are_numpy, on_host
 from ..._types import Array
 from ..eigen import eigen_by_columns
-from .items import ItemWork, runs_from_host
+from .items import ItemWork
 from .pairs import MOST_BINS, bytes_of, closeness, count_bins, is_within, monomials, pair_bins
-from .tiles import LEAF, TILE, NearTiles
+from .tiles import LEAF, TILE, NearTiles, padded_tiles
 
 NUM_BINS = 11
 """Bins of each of the three histograms, as in the publication of FPFH."""
@@ -39,11 +41,14 @@ def surface_normals(
     Returns:
         Unit normals (n, 3) of arbitrary sign, and the surface variation (n,) in [0, 1/3]: the share of the variance
         that is along the normal, 0 on a plane; 1/3 for points with fewer than three neighbours. As NumPy arrays where
-        NumPy arrays were given on a CPU.
+        NumPy arrays were given.
     """
-    if runs_from_host(points, near):
+    if not are_numpy(points, near):
+        return _normals_kernel(points, near, jnp.float32(radius))
+    if on_host():
         return _normals(points, near, np.float32(radius), from_host=True)
-    return _normals_kernel(points, near, jnp.float32(radius))
+    found = _normals_kernel(*_on_ladder(near, points), jnp.float32(radius))
+    return tuple(np.asarray(rows)[: len(points)] for rows in found)
 
 
 def _normals(points: Any, near: NearTiles, radius: Any, *, from_host: bool) -> tuple[Any, Any]:
@@ -92,7 +97,7 @@ def point_feature_histograms(
     Returns:
         (n, 3 num_bins): the square roots of the three histograms, each histogram summing to 1 (to 0 for
         points without neighbours), so that a Euclidean distance is the Hellinger distance of the histograms. As a NumPy
-        array where NumPy arrays were given on a CPU.
+        array where NumPy arrays were given.
 
     Raises:
         InputError: If the number of bins is out of range.
@@ -102,11 +107,14 @@ def point_feature_histograms(
     """
     if not 2 <= num_bins <= MOST_BINS:
         raise InputError(f"num_bins must be from 2 to {MOST_BINS}, got {num_bins!r}.")
-    if runs_from_host(points, normals, near):
+    scales = jnp.float32(radius), jnp.float32(spacing)
+    if not are_numpy(points, normals, near):
+        return _histograms_kernel(points, normals, near, *scales, num_bins=num_bins)
+    if on_host():
         scales = np.float32(radius), np.float32(spacing)
         return _histograms(points, normals, near, *scales, num_bins=num_bins, from_host=True)
-    scales = jnp.float32(radius), jnp.float32(spacing)
-    return _histograms_kernel(points, normals, near, *scales, num_bins=num_bins)
+    found = _histograms_kernel(*_on_ladder(near, points, normals), *scales, num_bins=num_bins)
+    return np.asarray(found)[: len(points)]
 
 
 def _histograms(
@@ -145,6 +153,12 @@ def _histograms(
 
 
 _histograms_kernel = jax.jit(partial(_histograms, from_host=False), static_argnames="num_bins")
+
+
+def _on_ladder(near: NearTiles, *lists: np.ndarray) -> tuple[Any, ...]:
+    """Lists of points padded to a rung of `bucket_size`, and their tiles with them: a kernel belongs to its shapes."""
+    size = bucket_size(len(lists[0]), 512)
+    return *(pad_rows(rows, size) for rows in lists), padded_tiles(near, len(lists[0]), size)
 
 
 @jax.jit

@@ -13,7 +13,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..._runtime.pieces import each_piece
-from ..._runtime.tables import on_cpu
 from ..._runtime.threads import spread
 from ..._types import Array
 from .pairs import FAR
@@ -29,11 +28,6 @@ _PRODUCTS = 32
 
 Evaluate = Callable[[Any, Any], Any]
 """From the tiles (i,) and the half tiles near them (i, 16) of some items to what each adds: (i, *shape)."""
-
-
-def runs_from_host(*arrays: object) -> bool:
-    """Whether arrays are NumPy's and the work is done on a CPU."""
-    return on_cpu() and all(isinstance(leaf, np.ndarray) for leaf in jax.tree.leaves(arrays))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..._runtime.buckets import pad_rows
+from ..._runtime.buckets import bucket_size, pad_rows
+from ..._runtime.placement import are_numpy, on_host
 from ..._runtime.threads import spread
 from ..._types import Array
-from .items import runs_from_host
 
 _CHUNK = 64
 """Rows compared at once by the kernel that compares all."""
@@ -28,8 +28,8 @@ def mutual_nearest(
 ) -> tuple[Int[Array, "n"], Bool[Array, "n"], Float[Array, "n"]]:
     """Match descriptors that are each other's nearest; ties go to the lower row.
 
-    NumPy arrays are compared block by block on a CPU, so that other numbers of rows compile nothing; it takes n m / 64
-    bytes. All else is one kernel (`mutual_nearest_kernel`).
+    NumPy arrays are compared block by block on a CPU, which takes n m / 64 bytes, and elsewhere padded to a rung of
+    `bucket_size`, so that other numbers of rows compile nothing. All else is one kernel (`mutual_nearest_kernel`).
 
     Args:
         descriptors_a: Float (n, d), of squared norms far below 1e30; float32 where they are NumPy arrays.
@@ -40,15 +40,22 @@ def mutual_nearest(
     Returns:
         For each row of a: its nearest row of b, int32; whether that row's nearest is this one; and the
         squared distance between the two, at least 0. Where nothing takes part, the first row and not mutual. NumPy
-        arrays where NumPy arrays were given on a CPU.
+        arrays where NumPy arrays were given.
     """
     given = descriptors_a, descriptors_b, mask_a, mask_b
-    if runs_from_host(given):
-        return _by_blocks(*(np.asarray(array) for array in given))
-    return mutual_nearest_kernel(*given)
+    if not are_numpy(given):
+        return mutual_nearest_kernel(*given)
+    if on_host():
+        return _mutual_nearest_on_host(*(np.asarray(array) for array in given))
+    count, sizes = (
+        len(descriptors_a),
+        [bucket_size(len(rows), 512) for rows in (descriptors_a, descriptors_b)],
+    )
+    padded = (pad_rows(np.asarray(rows), size) for rows, size in zip(given, 2 * sizes, strict=True))
+    return tuple(np.asarray(rows)[:count] for rows in mutual_nearest_kernel(*padded))
 
 
-def _by_blocks(
+def _mutual_nearest_on_host(
     a: np.ndarray, b: np.ndarray, mask_a: np.ndarray, mask_b: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Nearest rows of each block and the least of its columns; the blocks are merged in their order."""

@@ -22,7 +22,7 @@ def block_size(cells: int) -> int:
     return PEAK_BLOCK * cast(int, next_fast_len(-(-cells // PEAK_BLOCK), real=True))
 
 
-def coarse_spectra(
+def coarse_spectra_on_host(
     codes: UInt8[np.ndarray, "i j k"],
     origin: Float[np.ndarray, "3"],
     voxel_size: float,
@@ -77,7 +77,7 @@ def coarse_spectra(
     return np.asarray(rfftn(offer, s=cells)), np.asarray(rfftn(ask, s=cells))
 
 
-def reverse(
+def reversed_spectrum(
     spectrum: Complex64[np.ndarray, "x y w"], is_reversed: np.ndarray, *, cells: tuple[int, int, int]
 ) -> Complex64[np.ndarray, "x y w"]:
     """Transform of a real block reversed along some axes, about its first cell: `f(-x)` instead of `f(x)`.
@@ -94,7 +94,7 @@ def reverse(
     return np.conj(spectrum) if is_reversed[2] else spectrum
 
 
-def correlation_peaks(
+def correlation_peaks_on_host(
     offer_a: Complex64[np.ndarray, "x y w"],
     ask_a: Complex64[np.ndarray, "x y w"],
     offer_b: Complex64[np.ndarray, "x y w"],
@@ -106,7 +106,7 @@ def correlation_peaks(
     """Best translations of b against a, at most one in each block of cells; as `correlate.correlation_peaks`.
 
     Args:
-        offer_a: Of `coarse_spectra`, as the next three.
+        offer_a: Of `coarse_spectra_on_host`, as the next three.
         ask_a: Of map a.
         offer_b: Of map b.
         ask_b: Of map b.

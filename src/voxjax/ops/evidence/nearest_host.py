@@ -20,10 +20,10 @@ SLAB = 1 << 16
 """Cells that are worked on at once: with as many of what is added to them they fill a quarter of a MiB each."""
 
 
-def nearest_field_host(
+def nearest_field_on_host(
     index: Int32[np.ndarray, "n 3"], shape: tuple[int, int, int], *, length: int, radius: int
 ) -> UInt32[np.ndarray, "length"]:
-    """As `nearest.nearest_field`, bit for bit.
+    """The cells of the block in `nearest.nearest_field`, bit for bit.
 
     Args:
         index: Different voxels inside the block, in C order.
@@ -86,7 +86,7 @@ def _spread_along(keys: np.ndarray, stride: int, radius: int) -> None:
     keys[best >= beyond] = NOTHING_NEAR
 
 
-def evidence_codes_host(
+def evidence_codes_on_host(
     states: UInt8[np.ndarray, "n"],
     keys: UInt32[np.ndarray, "n"],
     hit_sq: int,
@@ -94,11 +94,11 @@ def evidence_codes_host(
     *,
     length: int,
 ) -> UInt8[np.ndarray, "length"]:
-    """As `evidence.evidence_codes`.
+    """The cells of the map in `scoring.evidence_codes`, bit for bit.
 
     Args:
         states: Flat states of the map.
-        keys: Of `nearest_field_host`, same order.
+        keys: Of `nearest_field_on_host`, same order.
         hit_sq: Squared distance [voxel^2] up to which something occupied is a hit.
         clear_sq: Squared distance [voxel^2] from which on a free voxel is well clear of anything occupied.
         length: Of the result; what follows the states is 0 and takes no memory.

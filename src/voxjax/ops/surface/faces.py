@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float32, Int32, UInt8
 
 from ..._runtime.pieces import over_pieces
+from ..._runtime.placement import are_numpy, to_device
 from ..._runtime.tables import as_table, table_lengths
 from ..._types import FREE, OCCUPIED, Array
 
@@ -75,18 +76,14 @@ def corner_faces(
     Returns:
         `CornerFaces`.
     """
-    run = partial(_flat_faces, first=first, last=last)
+    run = partial(_faces_kernel, first=first, last=last)
     shape = np.asarray(states.shape, np.int32)
-    if (
-        isinstance(states, np.ndarray)
-        and isinstance(position, np.ndarray)
-        and isinstance(normals, np.ndarray)
-    ):
-        return _faces_in_groups(run, states.reshape(-1), shape, position, normals)
+    if are_numpy(states, position, normals):
+        return _faces_on_host(run, states.reshape(-1), shape, position, normals)
     return run(states.reshape(-1), shape, position, normals)
 
 
-def _faces_in_groups(
+def _faces_on_host(
     run: Callable[..., CornerFaces],
     flat: np.ndarray,
     shape: np.ndarray,
@@ -94,7 +91,7 @@ def _faces_in_groups(
     normals: np.ndarray,
 ) -> CornerFaces:
     """Any number of candidates on a block of any size, compiling nothing new."""
-    table = jax.device_put(as_table(flat, table_lengths(flat.size, 0)[0]))
+    table = to_device(as_table(flat, table_lengths(flat.size, 0)[0]))
 
     def look(some: np.ndarray, planes: np.ndarray, _: np.int32) -> CornerFaces:
         return run(table, shape, some, planes)
@@ -104,7 +101,7 @@ def _faces_in_groups(
 
 
 @partial(jax.jit, static_argnames=("first", "last"))
-def _flat_faces(
+def _faces_kernel(
     flat: UInt8[Array, "flat"], shape: Int32[Array, "3"], position: Float32[Array, "m 3"],
     normals: Float32[Array, "m 3 3"], *, first: float, last: float,
 ) -> CornerFaces:  # fmt: skip

@@ -15,8 +15,8 @@ from jaxtyping import Bool, Float32, Int32, UInt8
 from ..._checks import InputError, check_odd_window
 from ..._runtime.materialize import materialized
 from ..._runtime.pieces import over_pieces
+from ..._runtime.placement import are_numpy, on_host
 from ..._runtime.programs import kept_program
-from ..._runtime.tables import on_cpu
 from ..._types import Array
 from .axes import central_sums, free_distances, principal_axes, steps_along, surface_normal
 from .ball_sums import window_sums
@@ -79,12 +79,12 @@ def surface_moments(
         InputError: If the size is not odd or above 25, the reach above 12, or host rows are outside the grid.
     """
     check_odd_window("size", size)
-    if isinstance(states, np.ndarray) and isinstance(index, np.ndarray):
-        return _by_pieces(states, index.astype(np.int32, copy=False), size=size, reach=reach)
-    return _in_one_call(jnp.asarray(states), jnp.asarray(index), size=size, reach=reach)
+    if are_numpy(states, index):
+        return _moments_on_host(states, index.astype(np.int32, copy=False), size=size, reach=reach)
+    return _moments_kernel(jnp.asarray(states), jnp.asarray(index), size=size, reach=reach)
 
 
-def _by_pieces(
+def _moments_on_host(
     states: UInt8[np.ndarray, "x y z"], index: Int32[np.ndarray, "n 3"], *, size: int, reach: int
 ) -> SurfaceMoments:
     """The moments of host arrays, as host arrays."""
@@ -104,7 +104,7 @@ def _by_pieces(
 
 
 @partial(jax.jit, static_argnames=("size", "reach"))
-def _in_one_call(
+def _moments_kernel(
     states: UInt8[Array, "x y z"], index: Int32[Array, "n 3"], *, size: int, reach: int
 ) -> SurfaceMoments:
     """The moments of arrays on a device or under a transformation: one kernel for each of their shapes."""
@@ -125,7 +125,7 @@ def _margin(size: int, reach: int) -> int:
 
 
 def _piece_length() -> int:
-    return _PIECE if on_cpu() else _PIECE_ELSEWHERE
+    return _PIECE if on_host() else _PIECE_ELSEWHERE
 
 
 @kept_program
@@ -134,7 +134,7 @@ def _moments_of_piece(
     packed: PackedStates, rows: Int32[Array, "n 3"], *, size: int, reach: int
 ) -> SurfaceMoments:
     """The moments of one piece of the list, some rows at a time, so that what steps write stays in the cache."""
-    steps = max(len(rows) // _STEP, 1) if on_cpu() else 1
+    steps = max(len(rows) // _STEP, 1) if on_host() else 1
     if steps == 1:
         return _moments_of_rows(packed, rows, size=size, reach=reach)
     done = jax.lax.map(

@@ -14,7 +14,8 @@ from jaxtyping import Float, Int32, UInt32
 
 from ..._checks import InputError, check_odd_window
 from ..._runtime.buckets import bucket_size
-from ..._runtime.tables import on_cpu, reserve, table_lengths
+from ..._runtime.placement import on_host
+from ..._runtime.tables import reserve, table_lengths
 from ..._runtime.threads import spread
 from ..._types import Array
 from .ball_sums import ball_offsets
@@ -63,8 +64,8 @@ def neighbourhood(
 ) -> Neighbourhood:
     """Find the listed voxels in the ball of diameter `size` around each listed voxel, itself included.
 
-    Lists of similar length share compiled kernels: the tables have few shapes (`_tables`, `_buckets`). Takes about 4
-    bytes for each neighbour, and 4 for each cell of the grid while it runs.
+    Lists of similar length share compiled kernels: the tables have few shapes (`_runtime.tables`, `_runtime.buckets`).
+    It takes about 4 bytes for each neighbour, and 4 for each cell of the grid while it runs.
 
     Args:
         index: Different voxels inside the grid; fast where they are sorted in C order.
@@ -85,7 +86,7 @@ def neighbourhood(
         raise InputError(f"index must list fewer than {1 << (32 - _ROW_SHIFT)} voxels, got {len(rows)}.")
     if ((rows < 0) | (rows >= np.asarray(shape, np.int32))).any():
         raise InputError(f"index must hold voxels inside the grid of {tuple(shape)} voxels.")
-    lanes = _LANES if on_cpu() else _LANES_ELSEWHERE
+    lanes = _LANES if on_host() else _LANES_ELSEWHERE
     length = bucket_size(len(rows), max(_SMALLEST, 2 * lanes))
 
     half = size // 2

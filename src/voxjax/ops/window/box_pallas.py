@@ -22,6 +22,7 @@ import numpy as np
 from jax.experimental import pallas as pl
 
 from ..._checks import InputError
+from ..._runtime.placement import backend
 from ..._types import Array
 
 _LANES = 128
@@ -254,9 +255,9 @@ def _call(
     """Run a kernel over a grid of programs."""
     if interpret:
         return pl.pallas_call(kernel, out_shape=result, grid=grid, interpret=True)(*arguments)
-    if jax.default_backend() != "gpu":
+    if backend() != "gpu":
         raise NotImplementedError(
-            f'implementation="pallas" needs a GPU, and JAX runs on {jax.default_backend()}: use None.'
+            f'implementation="pallas" needs a GPU, and JAX runs on {backend()}: use None.'
         )
     # One lane per thread; no stages, since no load can be moved ahead of its index.
     params = _triton().CompilerParams(num_warps=_LANES // 32, num_stages=1)

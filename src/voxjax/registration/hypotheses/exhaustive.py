@@ -3,13 +3,13 @@
 It needs no corner and no descriptor, and finds poses that neither does; it is as good as its rotations.
 """
 
-import jax
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial import ConvexHull
 
 from ...maps.prepared import PreparedMap
-from .translation_search import Placement, search_on_device, search_on_host
+from ...ops.evidence.translations import CoarseMap, Placement, search_translations
+from .ranking import COARSE_CONFLICT_WEIGHT
 
 MAX_FACTOR = 6
 """Coarse cells are at most so many voxels wide: the finest from `PreparedMap.coarse_factor` on that keeps the blocks
@@ -85,8 +85,10 @@ def exhaustive_hypotheses(
         placements = _place(points_a, points_b, turned, frame, cell)
         if all(np.prod(place.box_a + place.box_b) <= MAX_CELLS for place in placements):
             break
-    search = search_on_host if jax.default_backend() == "cpu" else search_on_device
-    found = search(a, b, factor, placements, num_peaks)
+    maps = [_coarse_map(prepared, factor) for prepared in (a, b)]
+    found = search_translations(
+        *maps, placements, num_peaks=num_peaks, conflict_weight=COARSE_CONFLICT_WEIGHT
+    )
     poses, scores = [], []
     for place, (top, shift) in zip(placements, found, strict=True):
         # A cell x of b lies at low_b + x * cell, and meets cell x + shift of a at low_a + (x + shift) * cell.
@@ -101,6 +103,14 @@ def exhaustive_hypotheses(
     all_poses, all_scores = np.concatenate(poses), np.concatenate(scores) / 2.0
     order = np.argsort(-all_scores, kind="stable")
     return all_poses[order].astype(np.float32), all_scores[order]
+
+
+def _coarse_map(prepared: PreparedMap, factor: int) -> CoarseMap:
+    """A map as the search takes it, with evidence codes at the tolerance of cells `factor` voxels wide."""
+    grid = prepared.grid
+    codes = prepared.coarse_codes(factor)
+    lists = prepared.points, prepared.weights, prepared.num_points
+    return CoarseMap(codes, grid.states.shape, np.asarray(grid.origin), grid.voxel_size, *lists)
 
 
 def _place(

@@ -1,0 +1,203 @@
+"""Search of all translations for given rotations: the two-way evidence of every shift, by Fourier transform.
+
+`search_translations` chooses between transforms of exact sizes in NumPy and SciPy (`correlate_host`), rotations side by
+side, and kernels of few shapes (`correlate`), one rotation after the other; the scores are the same but for rounding.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..._runtime.placement import on_host, to_device
+from ..._runtime.threads import spread
+from ..._types import Array
+from .correlate import coarse_spectra, correlation_peaks
+from .correlate_host import block_size, coarse_spectra_on_host, correlation_peaks_on_host, reversed_spectrum
+
+Cells = tuple[int, int, int]
+Peaks = tuple[np.ndarray, np.ndarray]
+
+
+class CoarseMap(NamedTuple):
+    """What the search needs of a map.
+
+    Attributes:
+        codes: Evidence codes at the tolerance of a coarse cell, a table of the map's cells (`map_tables`).
+        shape: Size of the map's block [voxel].
+        origin: Outer corner of the block [m].
+        voxel_size: Width of a voxel [m].
+        points: Table of the occupied voxel centres (n, 3) [m].
+        weights: Table of their weights (n,), 0 for padding.
+        num_points: Rows of both tables that are not padding.
+    """
+
+    codes: Array
+    shape: tuple[int, int, int]
+    origin: np.ndarray
+    voxel_size: float
+    points: Array
+    weights: Array
+    num_points: int
+
+
+class Placement(NamedTuple):
+    """Where both maps go in the coarse block for one rotation.
+
+    Rotations that differ by quarter turns have one and the same block of b, reversed along some axes: its transform is
+    computed once.
+
+    Attributes:
+        box_a: Cells that map a fills, from its low corner on.
+        box_b: Those of map b.
+        block_a: Rotation of map a into the block (3, 3).
+        low_a: Low corner of a's box in the block's frame [m].
+        upright_b: Rotation of map b into the block before any axis is reversed; the largest entry of each row is
+            positive.
+        upright_low_b: Low corner of b's box then [m].
+        is_reversed: Whether each axis of b's box is reversed.
+        cell: Width of a cell [m].
+    """
+
+    box_a: np.ndarray
+    box_b: np.ndarray
+    block_a: np.ndarray
+    low_a: np.ndarray
+    upright_b: np.ndarray
+    upright_low_b: np.ndarray
+    is_reversed: np.ndarray
+    cell: float
+
+    @property
+    def block_b(self) -> np.ndarray:
+        """Rotation of map b into the block."""
+        return np.where(self.is_reversed[:, None], -self.upright_b, self.upright_b)
+
+    @property
+    def low_b(self) -> np.ndarray:
+        """Low corner of b's box in the block's frame [m]."""
+        return np.where(self.is_reversed, -(self.upright_low_b + self.box_b * self.cell), self.upright_low_b)
+
+
+def search_translations(
+    a: CoarseMap,
+    b: CoarseMap,
+    placements: Sequence[Placement],
+    *,
+    num_peaks: int,
+    conflict_weight: float,
+) -> list[Peaks]:
+    """Best translations of map b for each of some rotations, at most one in each block of 4 x 4 x 4 cells.
+
+    Args:
+        a: First map.
+        b: Second map.
+        placements: One a rotation, all with cells of one width.
+        num_peaks: Translations kept for each rotation.
+        conflict_weight: How many hits a conflict outweighs.
+
+    Returns:
+        For each placement the scores float32 (k,), best first, and the shifts int64 (k, 3) [cell] of b's box in a's.
+    """
+    search = _search_on_host if on_host(a.codes, b.codes) else _search_by_kernels
+    return search(a, b, placements, num_peaks, conflict_weight)
+
+
+def _search_on_host(
+    a: CoarseMap, b: CoarseMap, placements: Sequence[Placement], num_peaks: int, conflict_weight: float
+) -> list[Peaks]:
+    """`search_translations` in NumPy: each rotated map is transformed once, rotations side by side on all cores."""
+    maps = a, b
+    codes = [np.asarray(m.codes)[: int(np.prod(m.shape))].reshape(m.shape) for m in maps]
+    columns = [np.ascontiguousarray(np.asarray(m.points)[: m.num_points].T) for m in maps]
+    weights = [np.asarray(m.weights, np.float64)[: m.num_points] for m in maps]
+
+    def spectra(which: int, rotation: np.ndarray, low: np.ndarray, box: np.ndarray, cells: Cells) -> tuple:
+        origin, voxel_size = np.asarray(maps[which].origin, np.float64), maps[which].voxel_size
+        given = codes[which], origin, voxel_size, columns[which], weights[which]
+        return coarse_spectra_on_host(
+            *given, rotation, low, _triple(box), placements[0].cell, conflict_weight, cells=cells
+        )
+
+    needed = [_triple([block_size(int(n)) for n in p.box_a + p.box_b]) for p in placements]
+    keys_a = [(0, cells, p.block_a.tobytes()) for cells, p in zip(needed, placements, strict=True)]
+    keys_b = [(1, cells, p.upright_b.tobytes()) for cells, p in zip(needed, placements, strict=True)]
+    first: dict[tuple, Placement] = {}
+    for key_a, key_b, place in zip(keys_a, keys_b, placements, strict=True):
+        first.setdefault(key_a, place)
+        first.setdefault(key_b, place)
+
+    def transform(key: tuple) -> tuple:
+        place = first[key]
+        if key[0] == 0:
+            return spectra(0, place.block_a, place.low_a, place.box_a, key[1])
+        return spectra(1, place.upright_b, place.upright_low_b, place.box_b, key[1])
+
+    known = dict(zip(first, spread(transform, first), strict=True))
+
+    def search(job: tuple[Placement, Cells, tuple, tuple]) -> Peaks:
+        place, cells, key_a, key_b = job
+        of_b = (reversed_spectrum(field, place.is_reversed, cells=cells) for field in known[key_b])
+        top, shift = correlation_peaks_on_host(*known[key_a], *of_b, cells=cells, num_peaks=num_peaks)
+        # Reversing a box about its first cell brings its last cell there.
+        shift = shift - np.where(place.is_reversed, place.box_b - 1, 0)
+        return top, _unwrapped(shift, place.box_a, cells)
+
+    return spread(search, zip(placements, needed, keys_a, keys_b, strict=True))
+
+
+def _search_by_kernels(
+    a: CoarseMap, b: CoarseMap, placements: Sequence[Placement], num_peaks: int, conflict_weight: float
+) -> list[Peaks]:
+    """`search_translations` on the default device: one rotation after the other, in blocks of few shapes."""
+
+    def spectra(m: CoarseMap, rotation: np.ndarray, low: np.ndarray, cell: float, cells: Cells) -> tuple:
+        block = np.asarray(m.shape, np.int32), np.asarray(m.origin, np.float32), np.float32(m.voxel_size)
+        place = rotation.astype(np.float32), low.astype(np.float32), np.float32(cell)
+        numbers = to_device((*place, np.float32(conflict_weight)))
+        return coarse_spectra(m.codes, *to_device(block), m.points, m.weights, *numbers, cells=cells)
+
+    needed = [_triple([_rung(int(n)) for n in p.box_a + p.box_b]) for p in placements]
+    shared = _share_shapes(set(needed))
+    spectra_a, found = {}, []
+    for place, shape in zip(placements, needed, strict=True):
+        cells = shared[shape]
+        key = cells, place.block_a.tobytes()
+        if key not in spectra_a:
+            spectra_a[key] = spectra(a, place.block_a, place.low_a, place.cell, cells)
+        of_b = spectra(b, place.block_b, place.low_b, place.cell, cells)
+        top, shift = correlation_peaks(*spectra_a[key], *of_b, cells=cells, num_peaks=num_peaks)
+        found.append((np.asarray(top), _unwrapped(np.asarray(shift, np.int64), place.box_a, cells)))
+    return found
+
+
+def _unwrapped(shift: np.ndarray, box_a: np.ndarray, cells: Cells) -> np.ndarray:
+    """Shifts under which b meets a's box, from shifts modulo the block."""
+    size = np.asarray(cells)
+    shift = shift % size
+    return np.where(shift >= box_a, shift - size, shift)
+
+
+def _triple(numbers: Sequence[int] | np.ndarray) -> Cells:
+    x, y, z = (int(n) for n in numbers)
+    return x, y, z
+
+
+def _rung(cells: int) -> int:
+    """Length of an axis of a block that kernels transform: a multiple of 8 with factors 2 and 3 only."""
+    sizes = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024)
+    return next((size for size in sizes if size >= cells), -(-cells // 64) * 64)
+
+
+def _share_shapes(shapes: set[Cells], *, max_growth: float = 1.8) -> dict[Cells, Cells]:
+    """For each shape one that holds it and is at most `max_growth` times as large; few, because each is compiled."""
+    shared: dict[Cells, Cells] = {}
+
+    def holds(other: Cells, shape: Cells) -> bool:
+        return all(m <= n for m, n in zip(shape, other, strict=True))
+
+    for shape in sorted(shapes, key=lambda n: (-np.prod(n), n)):
+        most = max_growth * np.prod(shape)
+        fits = [other for other in set(shared.values()) if holds(other, shape) and np.prod(other) <= most]
+        shared[shape] = min(fits, key=lambda n: (np.prod(n), n), default=shape)
+    return shared
