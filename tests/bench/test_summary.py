@@ -1,27 +1,7 @@
-"""Summary and curves of hand-made rows."""
+"""Summary of the registration benchmark's rows."""
 
-import numpy as np
-import pytest
-from bench.plots import error_curve, wilson_interval
 from bench.summary import markdown, methods_of, summarize, wrong_accepts
-
-
-def row(method="ours", **changes):
-    base = {
-        "case": "sim/x",
-        "source": "sim",
-        "kind": "pair",
-        "rotation": "yaw",
-        "overlap": 0.5,
-        "method": method,
-        "right": True,
-        "rank": 0,
-        "degrees": 0.5,
-        "metres": 0.1,
-        "accepted": True,
-        "seconds": 2.0,
-    }
-    return base | changes
+from summary_rows import row
 
 
 def entries(rows):
@@ -72,14 +52,3 @@ def test_a_peer_without_a_verdict_has_no_entry_rather_than_no_wrong_accepts():
     table = markdown(rows)
     assert "| wrong accepts, one place | 0/1 | - |" in table
     assert "| of them small_gicp's refinement, median | - | 0.25 |" in table
-
-
-def test_error_curve_counts_pairs_without_a_pose():
-    values, share = error_curve([row(metres=0.2), row(metres=0.1), row(metres=None)], "metres")
-    np.testing.assert_allclose(values, [0.1, 0.2])
-    np.testing.assert_allclose(share, [1 / 3, 2 / 3])
-
-
-def test_wilson_interval_of_a_known_share():
-    assert wilson_interval(9, 10) == pytest.approx((0.5958, 0.9821), abs=1e-3)
-    assert wilson_interval(0, 0) == (0.0, 1.0)
