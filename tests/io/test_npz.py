@@ -1,4 +1,6 @@
 import io
+import struct
+import tracemalloc
 import zipfile
 
 import numpy as np
@@ -38,6 +40,23 @@ def bomb() -> bytes:
     with zipfile.ZipFile(buffer, "a") as archive:
         archive.writestr("states.npy", header.getvalue())
     return buffer.getvalue()
+
+
+def with_member(content: bytes, *, name="states", method=zipfile.ZIP_DEFLATED) -> bytes:
+    """A map file one of whose arrays is replaced by bytes."""
+    buffer = io.BytesIO(members(**{name: None}))
+    with zipfile.ZipFile(buffer, "a") as archive:
+        archive.writestr(f"{name}.npy", content, method)
+    return buffer.getvalue()
+
+
+def npy(header: str, values: bytes = b"") -> bytes:
+    """An array's file with any header."""
+    return b"\x93NUMPY\x02\x00" + struct.pack("<I", len(header)) + header.encode() + values
+
+
+def shaped(shape: str) -> str:
+    return f"{{'descr': '|u1', 'fortran_order': False, 'shape': ({shape}), }}"
 
 
 @pytest.mark.parametrize("with_log_odds", [False, True])
@@ -97,3 +116,86 @@ def test_a_damaged_file_gives_the_map_or_one_sentence():
             decode_npz(bytes(damaged), max_voxels=10**6)
         except InputError:
             continue
+
+
+@pytest.mark.parametrize("method", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_methods_that_pack_a_million_bytes_into_one_are_refused(method):
+    with pytest.raises(InputError, match="compressed in a way that"):
+        decode_npz(with_member(npy(shaped("1, 1, 1"), b"\2"), method=method))
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "",
+        "{",
+        "(" * 3000,
+        "{'descr': (",
+        "{'descr': '|u1', 'fortran_order': False, 'shape': ",
+        "{'descr': '|u1', 'fortran_order': False, 'shape': (1, 1, 1), }['x']",
+        shaped("9" * 3000 + ", 1, 1"),
+        shaped("1, 1, -1"),
+        shaped("1 1 1"),
+        shaped("1,, 1, 1"),
+        shaped("True, 1, 1"),
+        shaped(" " * 5000 + "1, 1, 1"),
+    ],
+)
+def test_headers_that_are_none_are_refused(header):
+    with pytest.raises(InputError, match="the array 'states' has no valid header"):
+        decode_npz(with_member(npy(header, b"\2")))
+
+
+@pytest.mark.parametrize(
+    "header", [shaped("1, 1, 1"), "{'descr':'<u1','fortran_order':True,'shape':(1,1,1)}\n"]
+)
+def test_headers_of_other_writers_are_read(header):
+    assert decode_npz(with_member(npy(header, b"\2"))).num_occupied == 1
+
+
+def test_a_header_that_never_ends_takes_no_memory():
+    data = with_member(npy(shaped("1, 1, 1") + " " * 50_000_000))
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match="no valid header"):
+            decode_npz(data)
+        assert tracemalloc.get_traced_memory()[1] < 5_000_000
+    finally:
+        tracemalloc.stop()
+
+
+def test_objects_and_other_types_are_refused_before_they_are_read():
+    for descr in ("|O", ">i4", "<f4"):
+        header = shaped("1, 1, 1").replace("|u1", descr)
+        with pytest.raises(InputError, match="must have type uint8"):
+            decode_npz(with_member(npy(header, bytes(8))))
+
+
+def test_a_small_archive_cannot_ask_for_much_memory():
+    with pytest.raises(InputError, match=r"the map of 1024 x 1024 x 1000 voxels needs .* a file of"):
+        decode_npz(with_member(npy(shaped("1024, 1024, 1000"))))
+    data = with_member(npy(shaped("10, 10, 10"), bytes(50_000_000)))
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match="not as long as its shape says"):
+            decode_npz(data)
+        assert tracemalloc.get_traced_memory()[1] < 5_000_000
+    finally:
+        tracemalloc.stop()
+
+
+def test_an_empty_map_as_large_as_its_archive_can_hold_is_read():
+    states = np.zeros((1000, 100, 600), np.uint8)
+    data = members(states=states)
+    assert len(data) < states.size / 900
+    assert decode_npz(data, max_voxels=states.size).shape == states.shape
+    assert decode_npz(data).shape == states.shape
+
+
+def test_a_table_of_contents_of_thousands_of_entries_is_refused():
+    buffer = io.BytesIO(members())
+    with zipfile.ZipFile(buffer, "a") as archive:
+        for number in range(100):
+            archive.writestr(f"{number:030000d}", b"")
+    with pytest.raises(InputError, match="table of contents"):
+        decode_npz(buffer.getvalue())

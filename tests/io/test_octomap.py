@@ -207,6 +207,8 @@ def ot_file(nodes, size) -> bytes:
         (b"# Octomap OcTree binary file\nid OcTree\nres 0.1\ndata\n\x00\x00", "lacks the line 'size'"),
         (b"# Octomap OcTree binary file\nid Banana\nsize 1\nres 0.1\ndata\n\x00\x00", "'Banana'"),
         (b"# Octomap OcTree binary file\nid OcTree\nsize -1\nres 0.1\ndata\n\x00\x00", "whole number"),
+        (bt_file([3], 10**20), "whole number"),
+        (bt_file([3], 1).replace(b"size 1", b"size " + b"9" * 5000), "whole number"),
         (bt_file([3, 0x5555], 10, "zero"), "must be a number"),
         (bt_file([3, 0x5555], 10, "0"), "resolution"),
         (bt_file([3, 0x5555], 10, "-0.1"), "resolution"),
@@ -249,6 +251,26 @@ def test_unusable_ot_bytes_are_refused_in_one_sentence(data, sentence):
     with pytest.raises(InputError, match=sentence) as caught:
         decode_ot(data)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("decode", "data"),
+    [
+        (decode_bt, bt_file([3] * 5 + [2], 7)),
+        (decode_ot, ot_file([(1.0, 1)] * 6 + [(1.0, 0)], 7)),
+    ],
+)
+def test_a_small_file_that_expands_to_a_huge_grid_is_refused(decode, data):
+    with pytest.raises(
+        InputError, match=r"the map of 1024 x 1024 x 1024 voxels needs about .* GB of memory, and a file"
+    ):
+        decode(data)
+
+
+def test_a_resolution_beyond_all_maps_is_one_sentence():
+    for resolution in ("1e300", "1e-300"):
+        with pytest.raises(InputError, match="the resolution must lie between"):
+            decode_bt(bt_file([3] * 15 + [1], 17, resolution))
 
 
 def test_any_cut_or_flipped_file_gives_a_map_or_one_sentence():

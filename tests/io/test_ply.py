@@ -1,3 +1,5 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -83,13 +85,14 @@ def test_a_grid_is_written_as_the_centres_of_its_occupied_voxels():
         (header("binary_middle_endian", "element vertex 0", *XYZ), "format must be"),
         (header("ascii", "element face 0"), "element 'vertex'"),
         (header("ascii", "element vertex minus"), "cannot be understood"),
+        (header("ascii", "element vertex " + "9" * 5000), "cannot be understood"),
         (header("ascii", "element vertex 1", *XYZ[:2]) + b"1 2\n", "no number 'z'"),
         (header("ascii", "element vertex 1", *XYZ, "property quad w"), "unknown type"),
         (ASCII + b"1 2 3 0\n1 2 3 0\n", "lists"),
         (header("ascii", "element vertex 2", *XYZ) + b"1 2 3\n", "1 lines follow"),
         (header("ascii", "element vertex 1", *XYZ) + b"1 2 3\n4 5 6\n", "2 lines follow"),
         (header("ascii", "element vertex 1", *XYZ) + b"1 2\n", "3 numbers"),
-        (header("ascii", "element vertex 1", *XYZ) + b"1 2 three\n", "must be numbers"),
+        (header("ascii", "element vertex 1", *XYZ) + b"1 2 three\n", "3 numbers .*'three'"),
         (header("ascii", "element vertex 1", *XYZ) + b"1 2 nan\n", "NaN"),
         (TWO + np.zeros(5, "<f4").tobytes(), "truncated"),
         (TWO + np.zeros(7, "<f4").tobytes(), "4 bytes follow"),
@@ -100,8 +103,39 @@ def test_a_grid_is_written_as_the_centres_of_its_occupied_voxels():
             "cannot be skipped",
         ),
     ],
-)  # fmt: skip
+)
 def test_unusable_bytes_are_refused_in_one_sentence(data, sentence):
     with pytest.raises(InputError, match=sentence) as caught:
         decode_ply(data)
     assert "\n" not in str(caught.value)
+
+
+def test_a_word_of_any_length_is_one_number_or_none():
+    head = header("ascii", "element vertex 1001", *XYZ)
+    lines = b"1 2 3\n" * 1000
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match="each vertex must have 3 numbers"):
+            decode_ply(head + lines + b"1 2 " + b"x" * 100_000 + b"\n")
+        with pytest.raises(InputError, match="infinite"):
+            decode_ply(head + lines + b"1 2 " + b"9" * 100_000 + b"\n")
+        assert tracemalloc.get_traced_memory()[1] < 3_000_000
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian"])
+def test_a_cloud_of_no_points_is_read(form):
+    assert decode_ply(header(form, "element vertex 0", *XYZ)).shape == (0, 3)
+
+
+def test_rows_of_unequal_lengths_are_refused_though_their_sum_fits():
+    with pytest.raises(InputError, match="3 numbers"):
+        decode_ply(header("ascii", "element vertex 2", *XYZ) + b"1 2\n3 4 5 6\n")
+
+
+def test_lines_of_other_blanks_are_no_vertices():
+    head = header("ascii", "element vertex 2", *XYZ)
+    np.testing.assert_array_equal(
+        decode_ply(head + b"\x0b\n1 2 3\n\xa0\n4 5 6\n\x1c"), [[1, 2, 3], [4, 5, 6]]
+    )

@@ -94,3 +94,27 @@ def test_an_empty_cloud_is_refused(tmp_path):
     vx.write_map(tmp_path / "c.ply", VoxelGrid(np.zeros((2, 2, 2), np.uint8), np.zeros(3), 0.1))
     with pytest.raises(InputError, match="no points"):
         vx.read_map(tmp_path / "c.ply", voxel_size=0.1)
+
+
+def cloud(path, *points: tuple[float, float, float]) -> None:
+    rows = np.array(points, "<f8")
+    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
+    lines += [*(f"property double {axis}" for axis in "xyz"), "end_header", ""]
+    path.write_bytes("\n".join(lines).encode() + rows.tobytes())
+
+
+@pytest.mark.parametrize(
+    ("far", "sentence"),
+    [(90.0, "points span .* give a larger voxel_size"), (1e308, "points must be finite and within")],
+)
+def test_a_few_points_far_apart_are_refused(tmp_path, far, sentence):
+    cloud(tmp_path / "c.ply", (-far, 0.0, -far), (far, 90.0, far))
+    with pytest.raises(InputError, match=rf"c\.ply cannot be read: {sentence}"):
+        vx.read_map(tmp_path / "c.ply", voxel_size=0.1)
+
+
+def test_max_voxels_bounds_clouds_too(tmp_path):
+    cloud(tmp_path / "c.ply", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+    assert vx.read_map(tmp_path / "c.ply", voxel_size=0.5, max_voxels=27).shape == (3, 3, 3)
+    with pytest.raises(InputError, match="above the limit of 26"):
+        vx.read_map(tmp_path / "c.ply", voxel_size=0.5, max_voxels=26)

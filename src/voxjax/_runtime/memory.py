@@ -58,14 +58,24 @@ def memory_limit(*, on_device: bool = True) -> float | None:
     Raises:
         InputError: If `VOXJAX_MEMORY` is no number of gigabytes above 0 and not "off".
     """
-    setting = os.environ.get("VOXJAX_MEMORY", "")
-    if setting == "off":
-        return None
-    if setting:
-        return _gigabytes(setting) * GIGABYTE
+    chosen = chosen_memory()
+    if chosen is not None:
+        return None if math.isinf(chosen) else chosen
     known = (available_memory(), device_memory() if on_device else None)
     bounds = [bound for bound in known if bound is not None]
     return float(min(bounds)) if bounds else None
+
+
+def chosen_memory() -> float | None:
+    """Memory that `VOXJAX_MEMORY` allows [byte], infinite if it is "off"; None if it is not set.
+
+    Raises:
+        InputError: If it is no number of gigabytes above 0 and not "off".
+    """
+    setting = os.environ.get("VOXJAX_MEMORY", "")
+    if not setting:
+        return None
+    return math.inf if setting == "off" else _gigabytes(setting) * GIGABYTE
 
 
 def device_memory() -> int | None:

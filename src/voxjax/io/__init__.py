@@ -9,8 +9,11 @@ from pathlib import Path
 from .._checks import InputError
 from .._runtime.whole_files import write_file
 from ..grid import VoxelGrid
+from ..ops.resampling.raycast import grid_from_points
+from .budget import MAX_VOXELS, Budget
+from .files import read_bytes
 from .npz import decode_npz, encode_npz
-from .octomap import MAX_VOXELS, decode_bt, decode_ot, encode_bt, encode_ot
+from .octomap import decode_bt, decode_ot, encode_bt, encode_ot
 from .ply import decode_ply, encode_ply
 
 __all__ = ["ENDINGS", "MAX_VOXELS", "encode_map", "read_map", "write_map"]
@@ -27,7 +30,7 @@ def read_map(
     voxel_size: float | None = None,
     sensor_origins: object = None,
     max_range: float | None = None,
-    max_voxels: int = MAX_VOXELS,
+    max_voxels: int | None = None,
 ) -> VoxelGrid:
     """Read a map.
 
@@ -36,7 +39,8 @@ def read_map(
         voxel_size: Edge length of a voxel [m]. A cloud needs it; another map is brought to it.
         sensor_origins: For clouds: (3,) or (n, 3) [m], where the points were seen from; gives free space.
         max_range: For clouds: longest ray [m].
-        max_voxels: Largest dense grid to make from a file.
+        max_voxels: Largest dense grid to make from a file; None for what a file of its size can need, up to 2**30.
+            In either case no more than fits the memory, which the environment variable `VOXJAX_MEMORY` overrides [GB].
 
     Returns:
         The map; `.ot` keeps log-odds. From `.bt` and `.ot`: the bounding box of what is known.
@@ -50,17 +54,18 @@ def read_map(
         if ending == ".ply":
             if voxel_size is None:
                 raise InputError("a cloud needs a voxel size; give voxel_size= (--voxel-size) in metres")
-            points = decode_ply(_read_bytes(path))
-            if not len(points):
-                raise InputError("the cloud has no points")
-            return VoxelGrid.from_points(
-                points, voxel_size=voxel_size, sensor_origins=sensor_origins, max_range=max_range
+            return _grid_from_cloud(
+                read_bytes(path),
+                voxel_size=voxel_size,
+                sensor_origins=sensor_origins,
+                max_range=max_range,
+                max_voxels=max_voxels,
             )
         if sensor_origins is not None or max_range is not None:
             raise InputError(
                 f"sensor_origins and max_range belong to clouds (.ply), not to {ending} maps; leave them out"
             )
-        grid = _DECODERS[ending](_read_bytes(path), max_voxels=max_voxels)
+        grid = _DECODERS[ending](read_bytes(path), max_voxels=max_voxels)
         return grid if voxel_size is None else grid.with_voxel_size(voxel_size)
     except InputError as error:
         raise InputError(f"{path} cannot be read: {str(error).removesuffix('.')}.") from error
@@ -104,8 +109,20 @@ def _ending(path: Path) -> str:
     return ending
 
 
-def _read_bytes(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{error.strerror or error}") from error
+def _grid_from_cloud(
+    data: bytes, *, voxel_size: float, sensor_origins: object, max_range: float | None, max_voxels: int | None
+) -> VoxelGrid:
+    budget = Budget.of_file(len(data), max_voxels)
+    points = decode_ply(data)
+    if not len(points):
+        raise InputError("the cloud has no points")
+    # The most that was seen: 117 bytes for a point, and where rays may cross a voxel, four more for each.
+    budget.check(150 * len(points), "the cloud")
+    states, origin = grid_from_points(
+        points,
+        voxel_size=voxel_size,
+        sensor_origins=sensor_origins,
+        max_range=max_range,
+        max_voxels=int(min(budget.max_voxels, budget.num_bytes // (1 if sensor_origins is None else 5))),
+    )
+    return VoxelGrid(states, origin, voxel_size)

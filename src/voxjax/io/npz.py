@@ -2,29 +2,34 @@
 
 import io
 import math
-import struct
+import re
 import zipfile
-import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import NamedTuple
 
 import numpy as np
 
-from .._checks import InputError
+from .._checks import InputError, shown
+from .._types import OCCUPIED
 from ..grid import VoxelGrid
-from .octomap import MAX_VOXELS
+from .budget import Budget
+from .text_header import whole_number
 
 VERSION = 1
 _DTYPES = {
     "voxjax_map": np.dtype("<i4"),
-    "states": np.dtype("u1"),
+    "states": np.dtype("|u1"),
     "origin": np.dtype("<f4"),
     "voxel_size": np.dtype("<f8"),
     "log_odds": np.dtype("<f4"),
 }
-# All that zipfile, zlib and numpy were seen to raise on damaged bytes.
-_DAMAGE = (
-    zipfile.BadZipFile, zlib.error, struct.error, EOFError, KeyError, ValueError, OverflowError, OSError,
-    RuntimeError, SyntaxError, TypeError,
-)  # fmt: skip
+_NPY_HEADER = re.compile(
+    r"\s*\{\s*'descr'\s*:\s*'([^']*)'\s*,\s*'fortran_order'\s*:\s*(True|False)\s*,"
+    r"\s*'shape'\s*:\s*\(([0-9,\s]*)\)\s*,?\s*\}\s*"
+)
+_MOST_AT_ONCE = 1 << 20
+"""Largest piece of an archive that is taken into memory at once [byte]."""
 
 
 def encode_npz(grid: VoxelGrid) -> bytes:
@@ -50,31 +55,34 @@ def encode_npz(grid: VoxelGrid) -> bytes:
     return buffer.getvalue()
 
 
-def decode_npz(data: bytes, *, max_voxels: int = MAX_VOXELS) -> VoxelGrid:
+def decode_npz(data: bytes, *, max_voxels: int | None = None) -> VoxelGrid:
     """Read the bytes of a `.npz` file written by `encode_npz`.
+
+    Args:
+        data: The whole file.
+        max_voxels: Largest grid; None for what a file of this size can hold.
 
     Raises:
         InputError: If the file is damaged, no voxjax map, of a newer version, has wrong shapes, types or
-            values, or more than `max_voxels` voxels.
+            values, or holds more than the limit.
     """
-    try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            names = {name.removesuffix(".npy") for name in archive.namelist()}
-            for name in ("voxjax_map", "states", "origin", "voxel_size"):
-                if name not in names:
-                    raise InputError(f"the archive has no array {name!r}, so it is no voxjax map")
-            version = int(_read_array(archive, "voxjax_map", 0, 1))
-            if version != VERSION:
-                raise InputError(f"the map has version {version}, and this voxjax reads version {VERSION}")
-            states = _read_array(archive, "states", 3, max_voxels)
-            origin = _read_array(archive, "origin", 1, 3)
-            voxel_size = float(_read_array(archive, "voxel_size", 0, 1))
-            log_odds = _read_array(archive, "log_odds", 3, max_voxels) if "log_odds" in names else None
-    except InputError:
-        raise
-    except _DAMAGE as error:
-        raise InputError(f"the archive is damaged ({_first_line(error)})") from error
-    if states.size and states.max() > 2:
+    budget = Budget.of_file(len(data), max_voxels)
+    with _damage_explained():
+        archive = zipfile.ZipFile(_Pieces(data))
+        names = {name.removesuffix(".npy") for name in archive.namelist()}
+    for name in ("voxjax_map", "states", "origin", "voxel_size"):
+        if name not in names:
+            raise InputError(f"the archive has no array {name!r}, so it is no voxjax map")
+    version = int(_read_array(archive, "voxjax_map", (), budget))
+    if version != VERSION:
+        raise InputError(f"the map has version {version}, and this voxjax reads version {VERSION}")
+    states = _read_array(archive, "states", (None, None, None), budget)
+    origin = _read_array(archive, "origin", (3,), budget)
+    voxel_size = float(_read_array(archive, "voxel_size", (), budget))
+    log_odds = None
+    if "log_odds" in names:
+        log_odds = _read_array(archive, "log_odds", states.shape, budget, held=states.nbytes)
+    if states.size and states.max() > OCCUPIED:
         raise InputError(f"states must be 0 unknown, 1 free or 2 occupied, got {states.max()}")
     if not np.isfinite(origin).all():
         raise InputError(f"origin must be finite, got {origin.tolist()}")
@@ -83,37 +91,131 @@ def decode_npz(data: bytes, *, max_voxels: int = MAX_VOXELS) -> VoxelGrid:
     return VoxelGrid(states, origin, voxel_size, log_odds)
 
 
-def _read_array(archive: zipfile.ZipFile, name: str, num_axes: int, most: int) -> np.ndarray:
-    """One array; its header is checked before any memory is taken for what it promises."""
-    with archive.open(f"{name}.npy") as file:
-        try:
-            version = np.lib.format.read_magic(file)
-            read_header = (
-                np.lib.format.read_array_header_1_0
-                if version == (1, 0)
-                else np.lib.format.read_array_header_2_0
-            )
-            shape, is_fortran, dtype = read_header(file)
-        except (ValueError, SyntaxError, TypeError) as error:
-            raise InputError(f"the array {name!r} has no valid header ({_first_line(error)})") from error
-        if dtype != _DTYPES[name] or len(shape) != num_axes:
-            raise InputError(
-                f"the array {name!r} must have type {_DTYPES[name]} and {num_axes} axes, "
-                f"got type {dtype} and shape {shape}"
-            )
-        size = math.prod(shape)
-        if size > most:
-            raise InputError(f"the array {name!r} has {size:,} values, more than the limit of {most:,}")
-        # Read in pieces: a short member must not make room for what its header promises.
-        pieces, missing = [], size * dtype.itemsize
-        while missing and (piece := file.read(min(missing, 1 << 24))):
-            pieces.append(piece)
-            missing -= len(piece)
-        if missing or file.read(1):
-            raise InputError(f"the array {name!r} is not as long as its shape says")
-    values = np.frombuffer(b"".join(pieces), dtype)
-    return values.reshape(shape, order="F" if is_fortran else "C").copy(order="C")
+class _Pieces(io.BytesIO):
+    """Bytes of which nobody reads too many at once: `zipfile` makes objects of all of an archive's table."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        left = len(self.getbuffer()) - self.tell()
+        if (left if size is None or size < 0 else min(size, left)) > _MOST_AT_ONCE:
+            raise InputError("the archive's table of contents is longer than that of any map")
+        return super().read(size)
 
 
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0].removesuffix(".")
+class _Member:
+    """One array's file in an archive."""
+
+    def __init__(self, archive: zipfile.ZipFile, name: str):
+        with _damage_explained():
+            entry = archive.getinfo(f"{name}.npy")
+            # Other methods pack a million bytes into one, and no program writes maps with them.
+            if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                raise InputError(f"the array {name!r} is compressed in a way that .npz files do not use")
+            self._file = archive.open(entry)
+
+    def read(self, size: int) -> bytes:
+        """At most `size` bytes more; none at the end."""
+        with _damage_explained():
+            return self._file.read(size)
+
+
+class _NpyHeader(NamedTuple):
+    """What stands before the values of an array.
+
+    Attributes:
+        descr: NumPy's name of the type.
+        is_fortran: Whether the first index runs fastest.
+        shape: Length of each axis.
+    """
+
+    descr: str
+    is_fortran: bool
+    shape: tuple[int, ...]
+
+
+def _read_array(
+    archive: zipfile.ZipFile, name: str, expected: tuple[int | None, ...], budget: Budget, *, held: int = 0
+) -> np.ndarray:
+    """One array; its header is checked before any memory is taken for what it promises.
+
+    Args:
+        archive: Where it lies.
+        name: Name of the array.
+        expected: Its shape, None for an axis of any length.
+        budget: What it may take.
+        held: Memory that other arrays of this file take [byte].
+
+    Raises:
+        InputError: If it is missing, damaged or not as expected, or beyond the budget.
+    """
+    member = _Member(archive, name)
+    header = _read_npy_header(member)
+    if header is None:
+        raise InputError(f"the array {name!r} has no valid header")
+    descr, is_fortran, shape = header
+    _check_type(name, descr, shape, expected)
+    # Beside the values: a copy in the other order of axes, or the truth values of a check.
+    budget.check_grid(shape, (2 if is_fortran else 1) * _DTYPES[name].itemsize + 1, held)
+    values = np.empty(math.prod(shape), _DTYPES[name])
+    if not _fill(values.view(np.uint8), member):
+        raise InputError(f"the array {name!r} is not as long as its shape says")
+    return np.asarray(values.reshape(shape, order="F" if is_fortran else "C"), order="C")
+
+
+def _check_type(name: str, descr: str, shape: tuple[int, ...], expected: tuple[int | None, ...]) -> None:
+    """Raise unless an array has the type and the shape that it has in a map."""
+    dtype = _DTYPES[name]
+    fits = len(shape) == len(expected) and all(b in (None, a) for a, b in zip(shape, expected, strict=True))
+    # Bytes have no order, and NumPy marks that with a bar.
+    if not fits or descr.replace("|", "<") != dtype.str.replace("|", "<"):
+        form = f"{len(expected)} axes" if None in expected else f"shape {expected}"
+        raise InputError(
+            f"the array {name!r} must have type {dtype} and {form}, got {shown(descr)} and shape {shape[:4]}"
+        )
+
+
+def _read_npy_header(member: _Member, *, most: int = 4096) -> _NpyHeader | None:
+    """The header of an array; None if it is none, or longer than those of arrays of numbers are.
+
+    NumPy's own reader takes memory for a header before it looks at its length, and evaluates it as Python.
+    """
+    lead = member.read(8)
+    # Version 1 has two bytes for the length of the header, and those after it have four.
+    size = 2 if lead[6:7] == b"\x01" else 4
+    length = int.from_bytes(member.read(size), "little")
+    if lead[:6] != b"\x93NUMPY" or not 0 < length <= most:
+        return None
+    match = _NPY_HEADER.fullmatch(member.read(length).decode("latin-1"))
+    if match is None:
+        return None
+    words = [word.strip() for word in match[3].split(",")]
+    # Python writes a comma after the only element, and nothing between the brackets if there is none.
+    numbers = [whole_number(word) for word in (words[:-1] if words[-1] == "" else words)]
+    shape = tuple(number for number in numbers if number is not None)
+    return _NpyHeader(match[1], match[2] == "True", shape) if len(shape) == len(numbers) else None
+
+
+def _fill(values: np.ndarray, member: _Member) -> bool:
+    """Whether a member holds as many bytes as there is room for, which it then fills."""
+    position = 0
+    while position < len(values):
+        piece = member.read(min(len(values) - position, _MOST_AT_ONCE))
+        if not piece:
+            return False
+        values[position : position + len(piece)] = np.frombuffer(piece, np.uint8)
+        position += len(piece)
+    return not member.read(1)
+
+
+@contextmanager
+def _damage_explained() -> Iterator[None]:
+    """Whatever goes wrong inside is the archive's fault: to be used around calls of `zipfile` alone.
+
+    It promises no set of exceptions for damaged bytes; more than ten kinds were seen.
+    """
+    try:
+        yield
+    except InputError:
+        raise
+    except Exception as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0].removesuffix(".")[:200]
+        raise InputError(f"the archive is damaged ({reason})") from error

@@ -12,8 +12,10 @@ import numpy as np
 from .._checks import InputError
 from .._types import FREE, OCCUPIED, UNKNOWN
 from ..grid import VoxelGrid
-from .octomap_header import BINARY_LINE, FULL_LINE, read_header, read_legacy_header, write_header
+from .budget import Budget
+from .octomap_header import BINARY_LINE, FULL_LINE, Header, read_header, read_legacy_header, write_header
 from .octree import (
+    CHILD_OFFSETS,
     DEPTH,
     INNER,
     NUM_KEYS,
@@ -26,79 +28,104 @@ from .octree import (
     walk_levels,
 )
 
-MAX_VOXELS = 1 << 30
-"""Largest dense grid that a reader makes unless told otherwise: 1 GiB of states."""
-
 # What OctoMap gives to the leaves of a binary file: its clamping thresholds, probabilities 0.971 and 0.1192.
 LOG_ODDS_OCCUPIED = np.float32(math.log(0.971 / 0.029))
 LOG_ODDS_FREE = np.float32(math.log(0.1192 / 0.8808))
 
 _PLAIN_NODE = np.dtype([("log_odds", "<f4"), ("children", "u1")])
 _COLOR_NODE = np.dtype([("log_odds", "<f4"), ("rgb", "u1", 3), ("children", "u1")])
-# An origin this far off the lattice [voxels] is rounding: float32 is good to 0.002 at OctoMap's farthest
-# voxel.
-_LATTICE_TOLERANCE = 0.01
 
 
-def decode_bt(data: bytes, *, max_voxels: int = MAX_VOXELS) -> VoxelGrid:
+def decode_bt(data: bytes, *, max_voxels: int | None = None) -> VoxelGrid:
     """Read the bytes of a `.bt` file; the grid is the bounding box of the known voxels, without log-odds.
 
+    Args:
+        data: The whole file.
+        max_voxels: Largest grid; None for what a file of this size can need.
+
     Raises:
-        InputError: If the bytes are no whole binary OctoMap file, or expand to more than `max_voxels`.
+        InputError: If the bytes are no whole binary OctoMap file, or expand to more than the limit.
     """
-    if data.startswith(BINARY_LINE):
-        _, size, resolution, start = read_header(data)
-    else:
-        _, size, resolution, start = read_legacy_header(data)
-    if size == 0:
-        return _grid_from_leaves([], resolution, max_voxels, start == len(data))
-    if (len(data) - start) % 2:
+    # The most that was seen in a walk: 49 bytes for each byte of a file whose nodes have eight leaves each.
+    budget, walk = Budget.of_file(len(data), max_voxels), 64 * len(data)
+    budget.check(walk, "the tree in the file")
+    header = read_header(data) if data.startswith(BINARY_LINE) else read_legacy_header(data)
+    if header.num_nodes == 0:
+        return _empty_grid(header, data, with_log_odds=False)
+    leaves = _leaves_of_bt(data, header)
+    low, shape, origin = _box_of(leaves, header.resolution)
+    budget.check_grid(shape, 1, walk)
+    return VoxelGrid(paint(leaves, low, shape, np.uint8), origin, header.resolution)
+
+
+def decode_ot(data: bytes, *, max_voxels: int | None = None) -> VoxelGrid:
+    """Read the bytes of an `.ot` file; log-odds are kept, and a voxel is occupied where they are 0 or more.
+
+    Args:
+        data: The whole file.
+        max_voxels: Largest grid; None for what a file of this size can need.
+
+    Raises:
+        InputError: If the bytes are no whole OctoMap file of OcTree or ColorOcTree nodes, hold log-odds
+            that are not finite, or expand to more than the limit.
+    """
+    # The most that was seen in a walk: 13 bytes for each byte of a file whose nodes have eight leaves each.
+    budget, walk = Budget.of_file(len(data), max_voxels), 20 * len(data)
+    budget.check(walk, "the tree in the file")
+    if not data.startswith(FULL_LINE):
+        raise InputError(f"the first line must be {FULL_LINE.decode()!r}")
+    header = read_header(data)
+    if header.num_nodes == 0:
+        return _empty_grid(header, data, with_log_odds=True)
+    leaves = _leaves_of_ot(data, header)
+    low, shape, origin = _box_of(leaves, header.resolution)
+    budget.check_grid(shape, 5, walk)
+    log_odds = paint(leaves, low, shape, np.float32)
+    states = [Leaves(d, key, np.where(value >= 0, OCCUPIED, FREE)) for d, key, value in leaves]
+    return VoxelGrid(paint(states, low, shape, np.uint8), origin, header.resolution, log_odds)
+
+
+def _leaves_of_bt(data: bytes, header: Header) -> list[Leaves]:
+    """Leaves of a binary tree, with states, level by level."""
+    if (len(data) - header.start) % 2:
         raise InputError(
             "the data hold an odd number of bytes, but nodes take two each (truncated or trailing bytes)"
         )
-    words = np.frombuffer(data, "<u2", offset=start)
+    words = np.frombuffer(data, "<u2", offset=header.start)
     codes = (words[:, None] >> np.arange(0, 16, 2, dtype=np.uint16)).astype(np.uint8) & np.uint8(3)
     levels = walk_levels(codes == INNER)
-    _check_size(size, 1 + int(np.count_nonzero(codes)))
+    _check_size(header.num_nodes, 1 + int(np.count_nonzero(codes)))
     if not words.all():
         raise InputError("an inner node has no children")
     leaves = []
     for depth, (record, key) in enumerate(levels, start=1):
         if depth > DEPTH:
             raise InputError("the tree is deeper than 16 levels")
-        is_leaf = (codes[record] == 1) | (codes[record] == 2)
+        is_leaf = (codes[record] == FREE) | (codes[record] == OCCUPIED)
         row, child = np.nonzero(is_leaf)
-        leaves.append(Leaves(depth, _child_keys(key[row], child, depth), codes[record[row], child]))
-    return _grid_from_leaves(leaves, resolution, max_voxels, True)
+        leaf_key = key[row]
+        leaf_key += ((NUM_KEYS >> depth) * CHILD_OFFSETS)[child]
+        leaves.append(Leaves(depth, leaf_key, codes[record[row], child]))
+    return [level for level in leaves if len(level.key)]
 
 
-def decode_ot(data: bytes, *, max_voxels: int = MAX_VOXELS) -> VoxelGrid:
-    """Read the bytes of an `.ot` file; log-odds are kept, and a voxel is occupied where they are 0 or more.
-
-    Raises:
-        InputError: If the bytes are no whole OctoMap file of OcTree or ColorOcTree nodes, hold log-odds
-            that are not finite, or expand to more than `max_voxels`.
-    """
-    if not data.startswith(FULL_LINE):
-        raise InputError(f"the first line must be {FULL_LINE.decode()!r}")
-    tree_type, size, resolution, start = read_header(data)
-    node = _COLOR_NODE if tree_type == "ColorOcTree" else _PLAIN_NODE
-    if size == 0:
-        return _grid_from_leaves([], resolution, max_voxels, start == len(data), with_log_odds=True)
-    if (len(data) - start) % node.itemsize:
+def _leaves_of_ot(data: bytes, header: Header) -> list[Leaves]:
+    """Leaves of a full tree, with log-odds, level by level."""
+    node = _COLOR_NODE if header.tree_type == "ColorOcTree" else _PLAIN_NODE
+    if (len(data) - header.start) % node.itemsize:
         raise InputError(
             f"the data are no whole number of nodes of {node.itemsize} bytes (truncated or trailing bytes)"
         )
-    nodes = np.frombuffer(data, node, offset=start)
+    nodes = np.frombuffer(data, node, offset=header.start)
     levels = walk_levels(np.unpackbits(nodes["children"][:, None], axis=1, bitorder="little").astype(bool))
-    _check_size(size, len(nodes))
+    _check_size(header.num_nodes, len(nodes))
     if not np.isfinite(nodes["log_odds"]).all():
         raise InputError("log-odds must be finite, but some are NaN or infinite")
     leaves = []
     for depth, (record, key) in enumerate(levels):
         is_leaf = nodes["children"][record] == 0
         leaves.append(Leaves(depth, key[is_leaf], nodes["log_odds"][record[is_leaf]]))
-    return _grid_from_leaves(leaves, resolution, max_voxels, True, with_log_odds=True)
+    return [level for level in leaves if len(level.key)]
 
 
 def encode_bt(grid: VoxelGrid) -> bytes:
@@ -164,41 +191,20 @@ def encode_ot(grid: VoxelGrid) -> bytes:
     return write_header(FULL_LINE, len(order), grid.voxel_size) + np.concatenate(nodes)[order].tobytes()
 
 
-def _child_keys(key: np.ndarray, child: np.ndarray, depth: int) -> np.ndarray:
-    half = NUM_KEYS >> depth
-    return key + half * np.stack([child & 1, child >> 1 & 1, child >> 2], axis=1).astype(np.int32)
-
-
-def _grid_from_leaves(
-    leaves: list[Leaves],
-    resolution: float,
-    max_voxels: int,
-    is_complete: bool,
-    *,
-    with_log_odds: bool = False,
-) -> VoxelGrid:
-    if not is_complete:
+def _empty_grid(header: Header, data: bytes, *, with_log_odds: bool) -> VoxelGrid:
+    """The map of a file that says it has no nodes: one unknown voxel."""
+    if header.start < len(data):
         raise InputError("the header says 0 nodes, but data follow (trailing bytes)")
-    leaves = [level for level in leaves if len(level.key)]
-    if not leaves:
-        empty = np.zeros((1, 1, 1), np.uint8)
-        return VoxelGrid(
-            empty, np.zeros(3, np.float32), resolution, empty.astype(np.float32) if with_log_odds else None
-        )
+    unknown = np.zeros((1, 1, 1), np.uint8)
+    log_odds = unknown.astype(np.float32) if with_log_odds else None
+    return VoxelGrid(unknown, np.zeros(3, np.float32), header.resolution, log_odds)
+
+
+def _box_of(leaves: list[Leaves], resolution: float) -> tuple[np.ndarray, tuple[int, int, int], np.ndarray]:
+    """Lowest key int64 (3,), number of voxels and origin float32 (3,) [m] of the box around all leaves."""
     low, shape = bounding_box(leaves)
-    num_voxels = math.prod(shape.tolist())
-    if num_voxels > max_voxels:
-        raise InputError(
-            f"the map spans {' x '.join(map(str, shape))} voxels, more than the limit of {max_voxels:,}; "
-            "cut the map, or raise max_voxels if there is memory for it"
-        )
     origin = ((low - NUM_KEYS // 2) * resolution).astype(np.float32)
-    size = tuple(shape.tolist())
-    if not with_log_odds:
-        return VoxelGrid(paint(leaves, low, size, np.uint8), origin, resolution)
-    log_odds = paint(leaves, low, size, np.float32)
-    states = [Leaves(d, key, np.where(value >= 0, OCCUPIED, FREE)) for d, key, value in leaves]
-    return VoxelGrid(paint(states, low, size, np.uint8), origin, resolution, log_odds)
+    return low, (int(shape[0]), int(shape[1]), int(shape[2])), origin
 
 
 def _known_box(grid: VoxelGrid) -> tuple[np.ndarray | None, np.ndarray, np.ndarray | None]:
@@ -209,7 +215,8 @@ def _known_box(grid: VoxelGrid) -> tuple[np.ndarray | None, np.ndarray, np.ndarr
         return None, states, None
     cell = np.asarray(grid.origin, np.float64) / grid.voxel_size
     low = np.rint(cell).astype(np.int64)
-    if np.abs(cell - low).max() > _LATTICE_TOLERANCE:
+    # A hundredth of a voxel off the lattice is rounding: float32 is good to 0.002 at OctoMap's farthest voxel.
+    if np.abs(cell - low).max() > 0.01:
         raise InputError(
             f"OctoMap files need an origin at whole multiples of the voxel size {grid.voxel_size:g} m, got "
             f"{np.asarray(grid.origin).tolist()}; resample it first with with_voxel_size (--voxel-size)"

@@ -1,15 +1,14 @@
 """Headers of OctoMap files: text lines up to `data`, or the few bytes of files from before OctoMap 1.0."""
 
-import math
 import struct
 from typing import NamedTuple
 
-from .._checks import InputError
+from .._checks import InputError, check_voxel_size, shown
+from .text_header import header_lines, whole_number
 
 BINARY_LINE, FULL_LINE = b"# Octomap OcTree binary file", b"# Octomap OcTree file"
 _COMMENT = b"# (feel free to add / change comments, but leave the first line as it is!)\n#"
 _LEGACY = struct.Struct("<idI")  # tree type 3, resolution, number of nodes
-_MAX_HEADER = 65536
 # "1" is what early versions wrote for OcTree.
 TREE_TYPES = ("OcTree", "1", "OcTreeStamped", "ColorOcTree")
 
@@ -54,13 +53,7 @@ def read_header(data: bytes) -> Header:
         InputError: If it does not end, or a line is missing or wrong.
     """
     fields: dict[str, str] = {}
-    position = data.find(b"\n") + 1
-    while 0 < position < min(len(data), _MAX_HEADER):
-        end = data.find(b"\n", position, position + _MAX_HEADER)
-        if end < 0:
-            break
-        words = data[position:end].decode("latin-1").split()
-        position = end + 1
+    for words, position in header_lines(data):
         if words and words[0] == "data":
             return _checked_fields(fields, position)
         if len(words) >= 2 and not words[0].startswith("#"):
@@ -73,14 +66,15 @@ def _checked_fields(fields: dict[str, str], start: int) -> Header:
     if missing:
         raise InputError(f"the header lacks the line {missing[0]!r}")
     if fields["id"] not in TREE_TYPES:
-        raise InputError(f"the header's id must be one of {', '.join(TREE_TYPES)}, got {fields['id']!r}")
-    if not (fields["size"].isascii() and fields["size"].isdigit()):
-        raise InputError(f"the header's size must be a whole number, got {fields['size']!r}")
+        raise InputError(f"the header's id must be one of {', '.join(TREE_TYPES)}, got {shown(fields['id'])}")
+    size = whole_number(fields["size"])
+    if size is None:
+        raise InputError(f"the header's size must be a whole number, got {shown(fields['size'])}")
     try:
         resolution = float(fields["res"])
     except ValueError:
-        raise InputError(f"the header's res must be a number, got {fields['res']!r}") from None
-    return Header(fields["id"], int(fields["size"]), _checked_resolution(resolution), start)
+        raise InputError(f"the header's res must be a number, got {shown(fields['res'])}") from None
+    return Header(fields["id"], size, check_voxel_size(resolution, "the resolution"), start)
 
 
 def read_legacy_header(data: bytes) -> Header:
@@ -94,10 +88,4 @@ def read_legacy_header(data: bytes) -> Header:
             f"the first line must be {BINARY_LINE.decode()!r}, and there is no old-style header either"
         )
     _, resolution, size = _LEGACY.unpack_from(data)
-    return Header("OcTree", size, _checked_resolution(resolution), _LEGACY.size)
-
-
-def _checked_resolution(resolution: float) -> float:
-    if not (math.isfinite(resolution) and resolution > 0.0):
-        raise InputError(f"the resolution must be a finite number above 0 m, got {resolution!r}")
-    return resolution
+    return Header("OcTree", size, check_voxel_size(resolution, "the resolution"), _LEGACY.size)

@@ -111,19 +111,32 @@ def bounding_box(leaves: list[Leaves]) -> tuple[np.ndarray, np.ndarray]:
 def paint(leaves: list[Leaves], low: np.ndarray, shape: tuple[int, ...], dtype: type) -> np.ndarray:
     """Dense array (x, y, z) of the leaves' values, zero where there is no leaf."""
     dense = np.zeros(shape, dtype)
-    strides = np.array([shape[1] * shape[2], shape[2], 1], np.int64)
-    flat = dense.reshape(-1)
     for level in leaves:
-        width = NUM_KEYS >> level.depth
-        corner = level.key - low
-        if width <= 4:
-            first = corner @ strides
-            for offset in np.ndindex(width, width, width):
-                flat[first + np.dot(offset, strides)] = level.value
-        else:
-            for (i, j, k), value in zip(corner.tolist(), level.value.tolist(), strict=True):
-                dense[i : i + width, j : j + width, k : k + width] = value
+        # Piece by piece: the indices of all leaves would take several times the memory of the leaves.
+        for start in range(0, len(level.key), 1 << 16):
+            piece = slice(start, start + (1 << 16))
+            _paint_leaves(dense, level.key[piece] - low, level.value[piece], NUM_KEYS >> level.depth)
     return dense
+
+
+def _paint_leaves(dense: np.ndarray, corner: np.ndarray, value: np.ndarray, width: int) -> None:
+    """Write leaves of one width [voxel] into a dense array.
+
+    Args:
+        dense: (x, y, z), contiguous.
+        corner: int64 (n, 3): index of the lowest voxel of each leaf.
+        value: (n,): what each leaf holds.
+        width: Edge length of a leaf [voxel].
+    """
+    if width > 4:
+        for (i, j, k), state in zip(corner.tolist(), value.tolist(), strict=True):
+            dense[i : i + width, j : j + width, k : k + width] = state
+        return
+    flat = dense.reshape(-1)
+    strides = np.array([dense.shape[1] * dense.shape[2], dense.shape[2], 1], np.int64)
+    first = corner @ strides
+    for offset in np.ndindex(width, width, width):
+        flat[first + np.dot(offset, strides)] = value
 
 
 class TreeLevel(NamedTuple):

@@ -1,19 +1,28 @@
 """Point clouds in `.ply` files: ASCII and binary, either byte order; written as binary, little endian."""
 
+import io
+from collections.abc import Iterator
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 
-from .._checks import InputError
+from .._checks import InputError, shown
 from ..grid import VoxelGrid
+from .budget import Budget
+from .text_header import header_lines, whole_number
 
 _TYPES = {
-    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
-    "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
-    "double": "f8", "float64": "f8",
-}  # fmt: skip
+    **dict.fromkeys(("char", "int8"), "i1"),
+    **dict.fromkeys(("uchar", "uint8"), "u1"),
+    **dict.fromkeys(("short", "int16"), "i2"),
+    **dict.fromkeys(("ushort", "uint16"), "u2"),
+    **dict.fromkeys(("int", "int32"), "i4"),
+    **dict.fromkeys(("uint", "uint32"), "u4"),
+    **dict.fromkeys(("float", "float32"), "f4"),
+    **dict.fromkeys(("double", "float64"), "f8"),
+}
 _BYTE_ORDER = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
-_MAX_HEADER = 65536
 
 
 class Element(NamedTuple):
@@ -42,6 +51,8 @@ def decode_ply(data: bytes) -> np.ndarray:
         InputError: If the header is wrong, the file is shorter or longer than the header says, the vertices
             hold lists, or coordinates are not finite.
     """
+    # The most that was seen: a row of three bytes becomes three numbers of eight, twice.
+    Budget.of_file(len(data)).check(16 * len(data), "reading the cloud")
     form, elements, start = _read_header(data)
     names = [element.name for element in elements]
     if names.count("vertex") != 1:
@@ -57,7 +68,7 @@ def decode_ply(data: bytes) -> np.ndarray:
         raise InputError("the vertices have two properties of the same name")
     is_last = len(elements) == len(before) + 1
     if form == "ascii":
-        points = _read_ascii(data[start:], before, vertex, is_last)
+        points = _read_ascii(data, start, before, vertex, is_last)
     else:
         points = _read_binary(data, start, before, vertex, is_last, _BYTE_ORDER[form])
     if not np.isfinite(points).all():
@@ -73,24 +84,34 @@ def encode_ply(grid: VoxelGrid) -> bytes:
     return "\n".join(lines).encode() + points.tobytes()
 
 
-def _read_ascii(body: bytes, before: list[Element], vertex: Element, is_last: bool) -> np.ndarray:
-    rows = [line for line in body.splitlines() if line.strip()]
-    first = sum(element.count for element in before)
-    rows_left = len(rows) - first
-    if rows_left < vertex.count or (is_last and rows_left > vertex.count):
-        raise InputError(f"the header says {vertex.count:,} vertices, but {max(rows_left, 0):,} lines follow")
-    width = len(vertex.properties)
-    words = b" ".join(rows[first : first + vertex.count]).split()
-    if len(words) != vertex.count * width:
-        raise InputError(f"each vertex must have {width} numbers")
-    try:
-        table = np.array(words, dtype="S").astype(np.float64).reshape(vertex.count, width)
-    except ValueError as error:
-        raise InputError(f"the vertices must be numbers ({error})") from error
-    columns = [name for name, _ in vertex.properties]
+def _read_ascii(data: bytes, start: int, before: list[Element], vertex: Element, is_last: bool) -> np.ndarray:
+    """Points (n, 3) of a file of text."""
+    first, width = sum(element.count for element in before), len(vertex.properties)
+    num_rows = sum(1 for _ in _rows(data, start)) - first
+    if num_rows < vertex.count or (is_last and num_rows > vertex.count):
+        raise InputError(f"the header says {vertex.count:,} vertices, but {max(num_rows, 0):,} lines follow")
+    table = np.zeros((0, width))
+    if vertex.count:
+        try:
+            rows = islice(_rows(data, start), first, first + vertex.count)
+            table = np.loadtxt(rows, comments=None, ndmin=2)
+        except ValueError as error:
+            reason = str(error).partition(";")[0][:120]
+            raise InputError(f"each vertex must have {width} numbers ({reason})") from error
+    if table.shape[1] != width:
+        raise InputError(f"each vertex must have {width} numbers, but they have {table.shape[1]}")
     types = dict(vertex.properties)
     dtype = np.float64 if any(types[axis] == "f8" for axis in "xyz") else np.float32
-    return table[:, [columns.index(axis) for axis in "xyz"]].astype(dtype)
+    columns = [name for name, _ in vertex.properties]
+    with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite, and is refused as such
+        return table[:, [columns.index(axis) for axis in "xyz"]].astype(dtype)
+
+
+def _rows(data: bytes, start: int) -> Iterator[str]:
+    """Lines that hold more than blanks, as `np.loadtxt` sees them."""
+    file = io.BytesIO(data)
+    file.seek(start)
+    return (text for line in file if (text := line.decode("latin-1").strip()))
 
 
 def _read_binary(
@@ -100,7 +121,7 @@ def _read_binary(
         codes = [code for _, code in element.properties]
         if None in codes:
             raise InputError(
-                f"the element {element.name!r} before the vertices holds lists, which cannot be skipped"
+                f"the element {shown(element.name)} before the vertices holds lists, which cannot be skipped"
             )
         start += element.count * sum(np.dtype(code).itemsize for code in codes)
     row = np.dtype([(name, f"{byte_order}{code}") for name, code in vertex.properties])
@@ -121,25 +142,21 @@ def _read_header(data: bytes) -> tuple[str, list[Element], int]:
     """Format, elements and start of the data."""
     if data[:4] not in (b"ply\n", b"ply\r"):
         raise InputError("the first line must be 'ply'")
-    form, elements, position = "", [], data.find(b"\n") + 1
-    while 0 < position < _MAX_HEADER:
-        end = data.find(b"\n", position, position + _MAX_HEADER)
-        if end < 0:
-            break
-        words = data[position:end].decode("latin-1").split()
-        position = end + 1
+    form, elements = "", []
+    for words, position in header_lines(data):
         if words == ["end_header"]:
             if form not in _BYTE_ORDER:
-                raise InputError(f"the format must be one of {', '.join(_BYTE_ORDER)}, got {form!r}")
+                raise InputError(f"the format must be one of {', '.join(_BYTE_ORDER)}, got {shown(form)}")
             return form, elements, position
+        count = whole_number(words[2]) if words[:1] == ["element"] and len(words) == 3 else None
         if words[:1] == ["format"] and len(words) == 3:
             form = words[1]
-        elif words[:1] == ["element"] and len(words) == 3 and words[2].isascii() and words[2].isdigit():
-            elements.append(Element(words[1], int(words[2]), []))
+        elif count is not None:
+            elements.append(Element(words[1], count, []))
         elif words[:1] == ["property"] and elements and len(words) >= 3:
             elements[-1].properties.append((words[-1], _type_code(words)))
         elif words[:1] not in (["comment"], ["obj_info"], []):
-            raise InputError(f"the header line {' '.join(words)[:80]!r} cannot be understood")
+            raise InputError(f"the header line {shown(' '.join(words))} cannot be understood")
     raise InputError("the header has no line 'end_header' (truncated or not a PLY file)")
 
 
@@ -147,5 +164,5 @@ def _type_code(words: list[str]) -> str | None:
     if words[1] == "list":
         return None
     if len(words) != 3 or words[1] not in _TYPES:
-        raise InputError(f"the property {' '.join(words[1:])[:80]!r} has an unknown type")
+        raise InputError(f"the property {shown(' '.join(words[1:]))} has an unknown type")
     return _TYPES[words[1]]

@@ -159,7 +159,12 @@ def crossed_voxels(
 
 
 def grid_from_points(
-    points: object, *, voxel_size: float, sensor_origins: object = None, max_range: float | None = None
+    points: object,
+    *,
+    voxel_size: float,
+    sensor_origins: object = None,
+    max_range: float | None = None,
+    max_voxels: int = MAX_VOXELS,
 ) -> tuple[UInt8[np.ndarray, "x y z"], Float32[np.ndarray, "3"]]:
     """Make the states of a grid from a cloud, its origin on the lattice of multiples of `voxel_size`.
 
@@ -170,6 +175,7 @@ def grid_from_points(
         voxel_size: Edge length of a voxel [m].
         sensor_origins: None, (3,) for all points or (n, 3), one a point [m].
         max_range: Rays longer than this [m] free space up to it and occupy nothing.
+        max_voxels: Largest grid.
 
     Returns:
         States uint8 (x, y, z) that just hold the points and sensor origins, and the origin float32 (3,) [m].
@@ -186,7 +192,7 @@ def grid_from_points(
         return np.full((1, 1, 1), UNKNOWN, np.uint8), np.zeros(3, np.float32)
     starts = cloud if sensor_origins is None else _checked_origins(sensor_origins, len(cloud))
     ends, is_hit = _cut_rays(starts, cloud, max_range)
-    low, shape = _lattice_box(np.concatenate([starts, ends]), voxel_size)
+    low, shape = _lattice_box(np.concatenate([starts, ends]), voxel_size, max_voxels)
     _check_memory(shape, voxel_size, has_rays=sensor_origins is not None)
     states = np.full(shape, UNKNOWN, np.uint8)
     if sensor_origins is not None:
@@ -254,7 +260,9 @@ def _check_memory(shape: tuple[int, int, int], voxel_size: float, *, has_rays: b
     check_memory(num_voxels * (5.0 if has_rays else 1.0), what, _ADVICE, on_device=has_rays)
 
 
-def _lattice_box(places: np.ndarray, voxel_size: float) -> tuple[np.ndarray, tuple[int, int, int]]:
+def _lattice_box(
+    places: np.ndarray, voxel_size: float, max_voxels: int
+) -> tuple[np.ndarray, tuple[int, int, int]]:
     """Lowest voxel index int64 (3,) and the shape of the smallest lattice box around places [m]."""
     low = np.floor(places.min(axis=0) / voxel_size)
     size = np.floor(places.max(axis=0) / voxel_size) - low + 1.0
@@ -264,10 +272,10 @@ def _lattice_box(places: np.ndarray, voxel_size: float) -> tuple[np.ndarray, tup
             f"points lie up to {np.abs(places).max():.4g} m from zero, above 2**31 voxels of {voxel_size:g} m; "
             f"{_ADVICE}."
         )
-    if float(np.prod(size)) > MAX_VOXELS:
+    if float(np.prod(size)) > max_voxels:
         extent = " x ".join(f"{length:.4g}" for length in size * voxel_size)
         raise InputError(
             f"points span {extent} m, which is {np.prod(size):.3g} voxels of {voxel_size:g} m, above the "
-            f"limit of {MAX_VOXELS}; {_ADVICE}."
+            f"limit of {max_voxels:,}; {_ADVICE}."
         )
     return low.astype(np.int64), (int(size[0]), int(size[1]), int(size[2]))

@@ -1,0 +1,89 @@
+"""What reading one file may take: memory in proportion to the file, and no more than there is.
+
+The bytes of a file decide how much memory its reader asks for, so a file that is damaged, or made to do harm, could ask
+for all of it. Every reader therefore names what it will take before it takes it. What a reader does is linear in the
+bytes of the file and in the memory that was granted, so the budget bounds its time as well.
+"""
+
+import math
+from typing import NamedTuple
+
+from .._checks import InputError
+from .._runtime.memory import GIGABYTE, available_memory, chosen_memory
+
+MAX_VOXELS = 1 << 30
+"""Largest dense grid that a reader makes unless told otherwise: 1 GiB of states, and flat indices fit int32."""
+
+
+class Budget(NamedTuple):
+    """What reading one file may take.
+
+    Attributes:
+        num_bytes: Memory beside the file itself [byte].
+        origin: Where this number comes from, a main clause for the message of a refusal.
+        max_voxels: Largest dense grid.
+    """
+
+    num_bytes: float
+    origin: str
+    max_voxels: int
+
+    @classmethod
+    def of_file(
+        cls, size: int, max_voxels: int | None = None, *, least: int = 1 << 29, per_byte: int = 2048
+    ) -> "Budget":
+        """The budget of a file.
+
+        What `VOXJAX_MEMORY` allows, if it is set; else what is available, and without `max_voxels` no more than a file
+        of this size can need. A real map takes 30 to 900 bytes of memory for a byte of its file. The densest archive
+        holds 1032 bytes in one, an empty map of `least` voxels can be a file of 100 bytes.
+
+        Args:
+            size: Length of the file [byte].
+            max_voxels: Largest dense grid, chosen by the caller; None for `MAX_VOXELS`.
+            least: What any file may take [byte].
+            per_byte: What a file may take for each of its bytes [byte].
+        """
+        most = MAX_VOXELS if max_voxels is None else max_voxels
+        chosen, available = chosen_memory(), available_memory()
+        justified = float(max(least, per_byte * size)) if max_voxels is None else math.inf
+        if chosen is not None:
+            return cls(chosen, f"VOXJAX_MEMORY allows {chosen / GIGABYTE:.3g} GB", most)
+        if available is not None and available < justified:
+            return cls(float(available), f"{available / GIGABYTE:.3g} GB are available", most)
+        return cls(justified, f"a file of {size:,} bytes may take {justified / GIGABYTE:.3g} GB", most)
+
+    def check(self, need: int | float, what: str) -> None:
+        """Raise if something needs more memory than the budget has.
+
+        Args:
+            need: Memory that it takes [byte].
+            what: What needs it, the subject of the sentence.
+
+        Raises:
+            InputError: If that is too much.
+        """
+        if need > self.num_bytes:
+            raise InputError(
+                f"{what} needs about {need / GIGABYTE:.3g} GB of memory, and {self.origin}; if the file is right, cut "
+                "it to what is needed, or set VOXJAX_MEMORY to the gigabytes that it may take"
+            )
+
+    def check_grid(self, shape: tuple[int, ...], bytes_per_voxel: int, extra: int = 0) -> None:
+        """Raise if a dense grid is too large.
+
+        Args:
+            shape: Number of voxels along x, y, z.
+            bytes_per_voxel: What its arrays take together.
+            extra: What else is held at the same time [byte].
+
+        Raises:
+            InputError: If it has more voxels or takes more memory than the budget has.
+        """
+        num_voxels, size = math.prod(shape), " x ".join(map(str, shape))
+        if max(num_voxels, *shape, 0) > self.max_voxels:  # an empty axis hides the others in the product
+            raise InputError(
+                f"the map spans {size} voxels, more than the limit of {self.max_voxels:,}; "
+                "cut the map, or raise max_voxels if there is memory for it"
+            )
+        self.check(num_voxels * bytes_per_voxel + extra, f"the map of {size} voxels")
