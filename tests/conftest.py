@@ -1,6 +1,7 @@
-"""Strict settings for all tests: no silent promotion of dtypes or ranks, two host devices."""
+"""Settings for all tests: no silent promotion of dtypes or ranks, two host devices, one cache of kernels."""
 
 import os
+import tempfile
 from pathlib import Path
 
 import jax
@@ -11,6 +12,33 @@ from voxjax._runtime.mappings import release_kernels_if_crowded
 jax.config.update("jax_num_cpu_devices", 2)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
+
+
+def _share_kernels():
+    """Let all processes of this run share compiled kernels; None where the environment names a folder for them.
+
+    The workers of pytest-xdist and the processes that tests start inherit the variables, so each kernel is compiled
+    once a run.
+    """
+    if "JAX_COMPILATION_CACHE_DIR" in os.environ:
+        return None
+    folder = tempfile.TemporaryDirectory(prefix="voxjax-tests-", ignore_cleanup_errors=True)
+    for option, value in (
+        ("jax_compilation_cache_dir", folder.name),
+        ("jax_persistent_cache_min_compile_time_secs", 0.05),
+    ):
+        os.environ[option.upper()] = str(value)
+        jax.config.update(option, value)
+    return folder
+
+
+_kernels = _share_kernels()
+
+
+def pytest_unconfigure():
+    """The process that made the folder of kernels is the last one that needs it."""
+    if _kernels is not None:
+        _kernels.cleanup()
 
 
 @pytest.fixture(autouse=True, scope="module")
