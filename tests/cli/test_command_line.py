@@ -151,6 +151,7 @@ UNUSABLE = {
     "bad voxel size": (["info", "m0.npz", "--voxel-size", "-1"], "above 0"),
     "bad config": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--config", "bad.toml"], "bad.toml"),
     "unknown key": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--config", "key.toml"], "speed"),
+    "endless config": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--config", "/dev/zero"], "is a device"),
     "no config": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--config", "no.toml"], "no.toml"),
     "bad guess": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--init-guess", "1 2 3"], "3 numbers"),
     "guess for three": (["merge", *["m0.npz"] * 3, "-o", "o.bt", "--init-guess", "1"], "two maps"),

@@ -36,6 +36,7 @@ def test_a_file_may_hold_comments_and_lines(tmp_path):
     [
         ("1 2 3", "3 numbers"),
         ("no such file", "is no file"),
+        ("/dev/zero", "is no file .it is a device or a pipe"),
         ("0 0 0 0 0 0 0", "length 0"),
         ("nan 0 0 0 0 0 1", "not finite"),
         (" ".join(["2"] * 16), "rigid"),

@@ -1,12 +1,12 @@
 """`--init-guess`: a pose as numbers on the command line or in a text file."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float32
 
-from .._checks import InputError, check_pose
+from .._checks import InputError, check_pose, shown
+from ..io.files import read_bytes
 
 _FORMS = "16 numbers (4x4, row by row), 12 (3x4), or 7 (x y z qx qy qz qw), or a text file that holds them"
 
@@ -24,13 +24,10 @@ def parse_guess(text: str) -> Float32[np.ndarray, "4 4"]:
     """
     numbers = _numbers(text)
     if numbers is None:
-        path = Path(text)
         try:
-            content = path.read_text(encoding="utf-8", errors="replace")
-        except OSError as error:
-            raise InputError(
-                f"--init-guess {text!r} is no file ({error.strerror}); give {_FORMS}."
-            ) from error
+            content = read_bytes(text, most=1 << 20).decode("utf-8", errors="replace")
+        except InputError as error:
+            raise InputError(f"--init-guess {shown(text)} is no file ({error}); give {_FORMS}.") from error
         lines = (line.partition("#")[0] for line in content.splitlines())
         numbers = _numbers(" ".join(lines))
         if numbers is None:

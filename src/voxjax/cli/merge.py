@@ -12,6 +12,7 @@ from .._checks import InputError
 from .._runtime.whole_files import write_files
 from ..grid import VoxelGrid
 from ..io import read_map
+from ..io.files import read_bytes
 from ..pipeline.config import Config, config_from
 from ..pipeline.many import merge
 from ..pipeline.merged import Merge
@@ -67,9 +68,11 @@ def read_config(path: str) -> Config:
         InputError: If the file cannot be read, is no TOML, or sets what does not exist.
     """
     try:
-        return config_from(tomllib.loads(Path(path).read_text(encoding="utf-8")))
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}.") from error
+        content = read_bytes(path, most=1 << 20)
+    except InputError as error:
+        raise InputError(f"{path} cannot be read: {error}.") from error
+    try:
+        return config_from(tomllib.loads(content.decode("utf-8")))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path} is no TOML file: {error}.") from error
     except InputError as error:
