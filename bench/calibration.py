@@ -114,6 +114,7 @@ def _parse(argv: list[str]) -> argparse.Namespace:
         "--join", type=Path, nargs="*", default=[], help="outputs of other runs, for the summary"
     )
     parser.add_argument("--out", type=Path, default=Path("bench/out/calibration.json"))
+    parser.add_argument("--table", action="store_true", help="print the summary of --out, run nothing")
     parser.add_argument("--plot", type=Path, default=None, help="where to draw the reliability diagram (PNG)")
     return parser.parse_args(argv)
 
@@ -121,7 +122,25 @@ def _parse(argv: list[str]) -> argparse.Namespace:
 def main(argv: list[str]) -> int:
     """Run the benchmark; rows already in the output file (of an earlier, stopped run) are kept."""
     args = _parse(argv)
-    print(setting())
+    rows: list[dict] = json.loads(args.out.read_text())["rows"] if args.out.exists() else []
+    if not args.table:
+        print(setting())
+        _register(args, rows)
+    rows += [row for path in args.join for row in json.loads(path.read_text())["rows"]]
+    if not rows:
+        print(
+            f"bench calibration: there is no file {args.out}; run it, or name one with --out.",
+            file=sys.stderr,
+        )
+        return 2
+    print("\n".join(summary(rows)))
+    if args.plot is not None:
+        draw(rows, args.plot)
+    return 0
+
+
+def _register(args: argparse.Namespace, rows: list[dict]) -> None:
+    """Register the pairs of this part that have no row yet; each row is added and written to --out at once."""
     jobs: list[tuple[str, tuple[int, ...]]] = [
         ("pair", (s,)) for s in seeds_of("pair", args.pairs, args.seed)
     ]
@@ -130,7 +149,6 @@ def main(argv: list[str]) -> int:
         ("cross", two) for two in itertools.combinations(seeds_of("build", args.buildings, args.seed), 2)
     ]
     part, parts = (int(word) for word in args.part.split("/"))
-    rows: list[dict] = json.loads(args.out.read_text())["rows"] if args.out.exists() else []
     done = {r["name"] for r in rows}
     runner = Runner(args.cache, clouds=args.clouds)
     for kind, seeds in jobs[part - 1 :: parts]:
@@ -146,11 +164,6 @@ def main(argv: list[str]) -> int:
             f"{name:28s} {row['verdict']:10s} {row['confidence']:.3f} right={row['right']!s:5s} {took:.1f} s",
             flush=True,
         )
-    rows += [row for path in args.join for row in json.loads(path.read_text())["rows"]]
-    print("\n".join(summary(rows)))
-    if args.plot is not None:
-        draw(rows, args.plot)
-    return 0
 
 
 if __name__ == "__main__":

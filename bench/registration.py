@@ -37,6 +37,9 @@ def main(argv: list[str]) -> int:
     """Run the benchmark; prints a line for each pair and method and a summary, and writes JSON."""
     args = _parse(argv)
     try:
+        if args.table:
+            print(markdown(_kept(args.out)["rows"]))
+            return 0
         return _run(args)
     except vx.InputError as error:
         print(f"bench registration: {error}", file=sys.stderr)
@@ -66,6 +69,7 @@ def _parse(argv: list[str]) -> argparse.Namespace:
     parser.add_argument("--plot", type=Path, metavar="FOLDER", help="write recall.png and errors.png there")
     parser.add_argument("--out", type=Path, default=Path("bench/out/registration.json"))
     parser.add_argument("--resume", action="store_true", help="keep the rows of --out, run what is missing")
+    parser.add_argument("--table", action="store_true", help="print the summary of --out, run nothing")
     return parser.parse_args(argv)
 
 
@@ -77,11 +81,19 @@ def _run(args: argparse.Namespace) -> int:
         raise vx.InputError("there is nothing to run: name a preset with --presets or a peer with --peers.")
     if args.plot is not None:
         prepare_plots()
+    rows = _rows(args, methods, _environment(peers))
+    print(f"\n{markdown(rows)}")
+    if args.plot is not None:
+        print("\n" + "\n".join(f"wrote {path}" for path in draw_plots(rows, args.plot)))
+    return 0
+
+
+def _rows(args: argparse.Namespace, methods: dict[str, Method], environment: dict[str, Any]) -> list[Row]:
+    """Rows of all cases, method by method; they are written to --out after every case, those of --resume with them."""
     cases = _cases(args)
     settings = {"maps": str(args.maps or os.environ.get("VOXJAX_MAPS", "")), "warm": args.warm}
     rows = _resumed(args.out, settings) if args.resume else []
     print(setting())
-    environment = _environment(peers)
     for turn, case in enumerate(cases):
         done = {row["method"] for row in rows if row["case"] == case.name}
         names = [name for name in methods if name not in done]
@@ -95,12 +107,9 @@ def _run(args: argparse.Namespace) -> int:
         write_json(args.out, {"environment": environment, "settings": settings, "rows": rows})
     order = list(methods)
     rows.sort(key=lambda row: order.index(row["method"]) if row["method"] in order else len(order))
-    print(f"\n{markdown(rows)}")
     contents = {"environment": environment, "settings": settings, "summary": summarize(rows), "rows": rows}
     write_json(args.out, contents)
-    if args.plot is not None:
-        print("\n" + "\n".join(f"wrote {path}" for path in draw_plots(rows, args.plot)))
-    return 0
+    return rows
 
 
 def _presets(text: str) -> list[str]:
@@ -216,16 +225,27 @@ def _resumed(path: Path, settings: dict[str, Any]) -> list[Row]:
     """Rows of an earlier run, if it read the same maps in the same way; none if there is no file yet."""
     if not path.exists():
         return []
-    try:
-        earlier = json.loads(path.read_text())
-        rows, before = earlier["rows"], earlier["settings"]
-    except (ValueError, KeyError, TypeError) as error:
-        raise vx.InputError(f"{path} is no result that can be resumed; leave out --resume.") from error
-    if before != settings:
+    earlier = _kept(path)
+    if earlier["settings"] != settings:
         raise vx.InputError(
-            f"{path} was run with {before}, not {settings}; leave out --resume or change --out."
+            f"{path} was run with {earlier['settings']}, not {settings}; leave out --resume or change --out."
         )
-    return rows
+    return earlier["rows"]
+
+
+def _kept(path: Path) -> dict[str, Any]:
+    """What an earlier run wrote, with "rows" and "settings"."""
+    try:
+        kept = json.loads(path.read_text())
+        return {"rows": list(kept["rows"]), "settings": kept["settings"]}
+    except FileNotFoundError as error:
+        raise vx.InputError(
+            f"there is no file {path}; run the benchmark, or name a file with --out."
+        ) from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise vx.InputError(
+            f"{path} is no result of this benchmark; leave out --resume, or change --out."
+        ) from error
 
 
 if __name__ == "__main__":

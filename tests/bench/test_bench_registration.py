@@ -6,7 +6,9 @@ import json
 import numpy as np
 import pytest
 from bench.cases import Case
+from bench.summary import markdown
 from bench.worlds import MapPair
+from summary_rows import row as summary_row
 
 from bench import registration
 from voxjax import VoxelGrid
@@ -65,3 +67,16 @@ def test_resume_runs_only_what_is_missing(tmp_path, monkeypatch, capsys):
     assert [row["case"] for row in json.loads(out.read_text())["rows"]] == ["sim/one", "sim/two"]
     assert registration.main(["--out", str(out), "--resume", "--warm"]) == 2
     assert "leave out --resume" in capsys.readouterr().err
+
+
+def test_the_table_is_that_of_the_kept_rows(tmp_path, capsys):
+    out = tmp_path / "rows.json"
+    assert registration.main(["--table", "--out", str(out)]) == 2
+    assert "there is no file" in capsys.readouterr().err
+    rows = [summary_row(), summary_row("theirs", right=False)]
+    out.write_text(json.dumps({"rows": rows, "settings": {}}))
+    assert registration.main(["--table", "--out", str(out)]) == 0
+    assert capsys.readouterr().out.strip() == markdown(rows)
+    out.write_text(json.dumps([1, 2]))
+    assert registration.main(["--table", "--out", str(out)]) == 2
+    assert "no result of this benchmark" in capsys.readouterr().err
