@@ -93,14 +93,31 @@ def share_colors(is_seen: Bool[np.ndarray, "maps n"]) -> UInt8[np.ndarray, "n 3"
 
 
 def draw_maps(
-    grids: Sequence[VoxelGrid], *, names: Sequence[str] | None = None, cut_ceiling: bool = True
+    grids: Sequence[VoxelGrid],
+    *,
+    names: Sequence[str] | None = None,
+    cut_ceiling: bool = True,
+    width: int = 1520,
 ) -> Image:
-    """Draw each map in isometric view (above) and from above (below), coloured by height."""
+    """Draw each map in isometric view (above) and from above (below), coloured by height.
+
+    Args:
+        grids: The maps; two stand side by side.
+        names: Labels of the maps.
+        cut_ceiling: Whether the upper part of closed buildings is taken off, so that the rooms are seen.
+        width: Width of two maps [pixel], without the margin around the sheet.
+
+    Returns:
+        uint8 (height, width, 3).
+    """
+    across = width // 2
     panels = []
     for number, grid in enumerate(grids):
         title = f"{names[number] if names else f'map {number}'}   {grid.num_occupied:,} occupied voxels"
-        isometric = draw_grid(grid, cut_ceiling=cut_ceiling)
-        from_above = draw_grid(grid, view="top", height=420, cut_ceiling=cut_ceiling)
+        isometric = draw_grid(grid, width=across, height=across * 3 // 4, cut_ceiling=cut_ceiling)
+        from_above = draw_grid(
+            grid, width=across, height=across * 5 // 9, view="top", cut_ceiling=cut_ceiling
+        )
         panels.append(stack([titled(isometric, title), from_above]))
     return framed(rows(panels, per_row=2))
 
@@ -111,6 +128,7 @@ def draw_merge(
     fused: VoxelGrid,
     *,
     names: Sequence[str] | None = None,
+    width: int = 1500,
 ) -> Image:
     """Draw the maps, each in its own frame and colour, and the fused map coloured by which maps saw what.
 
@@ -119,13 +137,13 @@ def draw_merge(
         poses: For each map its transform (4, 4) into the frame of `fused`; None for maps that were left out.
         fused: The fused map.
         names: Labels of the maps.
+        width: Width of the drawing [pixel], without the margin around the sheet.
 
     Returns:
         uint8 (height, width, 3).
     """
     labels = list(names) if names else [f"map {number}" for number in range(len(grids))]
     is_used = [pose is not None for pose in poses]
-    width = 1500
     entries = [(f"only {labels[n]}", map_color(n)) for n, used in enumerate(is_used) if used]
     return framed(
         stack(
@@ -165,14 +183,14 @@ def _maps_in_their_frames(
 
 def _fused_views(fused: VoxelGrid, colors: UInt8[np.ndarray, "n 3"], width: int) -> Image:
     """The fused map in isometric view and, beside it, from above."""
-    left = width // 2
+    left, height = width // 2, width * 2 // 5
     isometric, from_above = trimmed(
         [
-            draw_grid(fused, width=left, height=620, color=colors),
-            draw_grid(fused, width=width - left, height=620, color=colors, view="top"),
+            draw_grid(fused, width=left, height=height, color=colors),
+            draw_grid(fused, width=width - left, height=height, color=colors, view="top"),
         ]
     )
-    title = f"fused, in one frame: {fused.num_occupied:,} occupied voxels"
+    title = f"fused: {fused.num_occupied:,} occupied voxels"
     return rows([titled(isometric, title), titled(from_above, "the same from above")], per_row=2)
 
 
