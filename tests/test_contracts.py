@@ -16,6 +16,7 @@ import voxjax
 ROOT = Path(__file__).parent.parent
 SOURCE = ROOT / "src" / "voxjax"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+ARCHITECTURE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 HOW_IT_WORKS = (ROOT / "docs" / "how-it-works.md").read_text(encoding="utf-8")
 
 NAMES = [
@@ -140,6 +141,16 @@ def test_the_python_of_the_pages_uses_names_that_exist(page):
         for node in ast.walk(ast.parse(block)):
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "vx":
                 assert node.attr in voxjax.__all__
+
+
+def test_interfaces_and_files_that_the_architecture_names_exist():
+    (block,) = re.findall(r"```python\n(.*?)```", ARCHITECTURE, re.DOTALL)
+    names = re.findall(r"\b[a-z_]+(?:\.[a-z_]+)+", re.sub(r"#.*|->.*", "", block))
+    assert len(names) > 30
+    for name in names:
+        assert callable(pydoc.locate(f"voxjax.{name}")), name
+    for path in re.findall(r"`((?:\w+/)+\w+\.py)`", ARCHITECTURE):
+        assert (SOURCE / path).is_file() or (ROOT / path).is_file(), path
 
 
 def test_the_version_is_that_of_the_changelog():
