@@ -16,7 +16,7 @@ def shown(value: object) -> str:
     """The value as a message quotes it: on one line, and cut where it is long."""
     try:
         text = " ".join(repr(value).split())
-    except ValueError:  # a whole number of more digits than Python prints
+    except (ValueError, RecursionError):  # more digits than Python prints, or lists within lists without end
         return f"a {type(value).__name__} that is too long to show"
     return text if len(text) <= 120 else f"{text[:80]} ... {text[-30:]}"
 

@@ -43,11 +43,16 @@ def _files():
     return sorted(path.name for path in Path().iterdir())
 
 
+def _content():
+    return {path: path.read_bytes() if path.is_file() else None for path in Path().iterdir()}
+
+
 def _one_line(capsys):
     """The only line on stderr."""
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1, lines
     assert lines[0].startswith("voxjax: ")
+    assert len(lines[0]) < 1300
     return lines[0]
 
 
@@ -158,6 +163,21 @@ UNUSABLE = {
     "no command": ([], "COMMAND"),
     "unknown command": (["fuse"], "fuse"),
     "unknown option": (["info", "m0.npz", "--colour"], "--colour"),
+    "resolution": (["convert", "m0.npz", "o.bt", "--voxel-size", "1e-9"], "larger voxel size"),
+    "resolution of a cloud": (["info", "cloud.ply", "--voxel-size", "1e-9"], "larger voxel_size"),
+    "voxels beyond reason": (["info", "m0.npz", "--voxel-size", "1e300"], "between 1e-12 and 1e+12 m"),
+    "NaN voxel size": (["info", "m0.npz", "--voxel-size", "nan"], "above 0"),
+    "endless voxel size": (["info", "m0.npz", "--voxel-size", "9" * 5000], "above 0"),
+    "long name in": (["merge", "m0.npz", "x" * 300 + ".bt", "-o", "o.bt"], "File name too long"),
+    "long name out": (["convert", "m0.npz", "x" * 300 + ".bt"], "File name too long"),
+    "NUL in a name": (["info", "a\0b.npz"], "embedded null byte"),
+    "no name": (["info", ""], "is not known"),
+    "folder in": (["merge", "m0.npz", ".", "-o", "o.bt"], "is a folder"),
+    "folder out": (["merge", "m0.npz", "m1.npz", "-o", "folder.bt"], "is a folder"),
+    "dangling out": (["convert", "m0.npz", "dangling.bt"], "leads nowhere"),
+    "no value": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--report=--"], "--report"),
+    "no seed": (["demo", "--seed", "nan"], "--seed"),
+    "nothing to draw": (["render", "void.npz", "-o", "p.png"], "no voxels"),
     "no such rule": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--rule", "best"], "best"),
 }  # fmt: skip
 
@@ -171,11 +191,14 @@ def test_unusable_input_is_one_line_and_code_2(monkeypatch, maps, capsys, case):
     Path("key.toml").write_text("speed = 3")
     write_map("cloud.ply", cube_map(0))
     write_map("empty.npz", VoxelGrid(np.ones((3, 3, 3), np.uint8), np.zeros(3, np.float32), 0.5))
-    before = {path: path.read_bytes() for path in Path().iterdir()}
+    write_map("void.npz", VoxelGrid(np.ones((0, 3, 3), np.uint8), np.zeros(3, np.float32), 0.5))
+    Path("folder.bt").mkdir()
+    Path("dangling.bt").symlink_to("nowhere")
+    before = _content()
     arguments, words = UNUSABLE[case]
     assert main([*arguments, *(["-q"] if arguments[:1] == ["merge"] else [])]) == 2
     assert words in _one_line(capsys)
-    assert {path: path.read_bytes() for path in Path().iterdir()} == before
+    assert _content() == before
 
 
 def test_outputs_are_refused_before_the_maps_are_registered(monkeypatch, maps):
@@ -251,6 +274,45 @@ def test_info_counts_voxels(maps, capsys):
     assert entries[1]["memory_bytes"] == grid.states.nbytes
     assert main(["info", "m0.npz"]) == 0
     assert f"{cube_map(0).num_occupied:,}" in capsys.readouterr().out
+
+
+def test_names_that_no_terminal_should_see_are_escaped(maps, capsys):
+    names = ["two\nlines.npz", "\x1b[31mred.npz", "\udcff.npz"]
+    for name in names:
+        write_map(name, cube_map(0))
+    assert main(["info", *names]) == 0
+    shown = capsys.readouterr().out
+    assert all(line.isprintable() for line in shown.splitlines())
+    assert [line for line in shown.splitlines() if not line.startswith(" ")] == [
+        "two\\nlines.npz",
+        "\\x1b[31mred.npz",
+        "\\udcff.npz",
+    ]
+    assert main(["info", "--json", *names]) == 0
+    assert [entry["path"] for entry in json.loads(capsys.readouterr().out)] == names
+    assert main(["convert", names[0], names[2], "--force"]) == 0
+    assert main(["info", "\x1b[31mnowhere.npz"]) == 2
+    assert "\\x1b[31mnowhere.npz" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("voxel_size", ["1e12", "1e-9", "0.5"])
+def test_json_holds_numbers_alone(maps, capsys, voxel_size):
+    grid = cube_map(0)
+    write_map("far.npz", VoxelGrid(grid.states, np.full(3, -9e11, np.float32), grid.voxel_size))
+    code = main(["info", "--json", "far.npz", "m0.npz", "--voxel-size", voxel_size])
+    shown = capsys.readouterr()
+    if code == 2:
+        assert len(shown.err.splitlines()) == 1
+    else:
+        assert "Infinity" not in shown.out
+        assert "NaN" not in shown.out
+        assert len(json.loads(shown.out)) == 2
+
+
+def test_a_map_can_be_converted_in_place(maps):
+    assert main(["convert", "m0.npz", "m0.npz"]) == 2
+    assert main(["convert", "m0.npz", "m0.npz", "--voxel-size", "1.0", "--force"]) == 0
+    assert read_map("m0.npz").equals(cube_map(0).with_voxel_size(1.0))
 
 
 def test_convert_and_back_gives_the_same_map(maps):

@@ -31,9 +31,11 @@ def parse_guess(text: str) -> Float32[np.ndarray, "4 4"]:
         lines = (line.partition("#")[0] for line in content.splitlines())
         numbers = _numbers(" ".join(lines))
         if numbers is None:
-            raise InputError(f"--init-guess {text}: the file holds other things than numbers; give {_FORMS}.")
+            raise InputError(
+                f"--init-guess {shown(text)}: the file holds other things than numbers; give {_FORMS}."
+            )
     if not all(map(math.isfinite, numbers)):
-        raise InputError(f"--init-guess {text!r} holds numbers that are not finite.")
+        raise InputError(f"--init-guess {shown(text)} holds numbers that are not finite; give {_FORMS}.")
     if len(numbers) in (12, 16):
         rows = np.asarray(numbers + ([0.0, 0.0, 0.0, 1.0] if len(numbers) == 12 else [])).reshape(4, 4)
         return check_pose("--init-guess", rows)
@@ -51,10 +53,12 @@ def _numbers(text: str) -> list[float] | None:
 
 
 def _pose_of_quaternion(translation: list[float], quaternion: list[float]) -> np.ndarray:
-    """Pose (4, 4) of a translation [m] and a quaternion in the order x, y, z, w of any length above zero."""
+    """Pose (4, 4) of a translation [m] and a quaternion in the order x, y, z, w of any length above 1e-6."""
     length = math.hypot(*quaternion)
-    if length < 1e-6:
-        raise InputError("--init-guess has a quaternion of length 0; give qx qy qz qw of length 1.")
+    if not 1e-6 <= length < math.inf:
+        raise InputError(
+            f"--init-guess has a quaternion of length {length:.3g}; give qx qy qz qw of length 1."
+        )
     x, y, z, w = (part / length for part in quaternion)
     T = np.eye(4)
     T[:3, :3] = [

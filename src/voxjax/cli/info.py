@@ -10,11 +10,11 @@ from .streams import tell
 
 def run(args: argparse.Namespace) -> int:
     """Print what each map holds and return the exit code."""
-    facts = {path: map_facts(read_map(path, voxel_size=args.voxel_size)) for path in args.maps}
+    facts = [(path, map_facts(read_map(path, voxel_size=args.voxel_size))) for path in args.maps]
     if args.json:
-        print(json.dumps([{"path": path, **entry} for path, entry in facts.items()], indent=1))
+        print(json.dumps([{"path": path, **entry} for path, entry in facts], indent=1, allow_nan=False))
         return 0
-    for path, entry in facts.items():
+    for path, entry in facts:
         tell(path)
         for line in _lines(entry):
             tell(f"  {line}")

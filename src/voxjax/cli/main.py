@@ -4,7 +4,7 @@ import traceback
 from collections.abc import Sequence
 from importlib import import_module
 
-from .parser import build_parser
+from .parser import parse
 from .process import (
     Stopped,
     garbage_collection_put_off,
@@ -45,7 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _exit_code(argv: Sequence[str] | None, *, is_own_process: bool) -> int:
     """Parse the arguments and run the command."""
     try:
-        args = build_parser().parse_args(argv)
+        args = parse(argv)
     except SystemExit as stop:  # --help, --version, or wrong arguments that have been explained
         return int(stop.code or 0)
     try:

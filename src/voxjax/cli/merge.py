@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,13 +11,13 @@ from .._checks import InputError
 from .._runtime.whole_files import write_files
 from ..grid import VoxelGrid
 from ..io import read_map
-from ..io.files import read_bytes
-from ..pipeline.config import Config, config_from
+from ..pipeline.config import Config
 from ..pipeline.many import merge
 from ..pipeline.merged import Merge
 from ..pipeline.report import merge_report
 from ..view import check_page_support, draw_merge, encode_png, page_html
 from .guess import parse_guess
+from .inputs import check_inputs, read_config
 from .outputs import MAP_ENDINGS, check_outputs, map_bytes
 from .runtime import Progress, kept_kernels
 from .streams import tell, warn
@@ -61,24 +60,6 @@ def run(args: argparse.Namespace) -> int:
     return 3
 
 
-def read_config(path: str) -> Config:
-    """Return the settings in a TOML file; what it does not name keeps its default.
-
-    Raises:
-        InputError: If the file cannot be read, is no TOML, or sets what does not exist.
-    """
-    try:
-        content = read_bytes(path, most=1 << 20)
-    except InputError as error:
-        raise InputError(f"{path} cannot be read: {error}.") from error
-    try:
-        return config_from(tomllib.loads(content.decode("utf-8")))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} is no TOML file: {error}.") from error
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from error
-
-
 def summary(merged: Merge, names: Sequence[str]) -> list[str]:
     """Lines for a person: where each map lies, and how the pairs came out."""
     lines = []
@@ -115,9 +96,7 @@ def _check(args: argparse.Namespace) -> None:
         raise InputError(f"merge needs at least two maps, got only {args.maps[0]}.")
     if args.init_guess is not None and len(args.maps) != 2:
         raise InputError(f"--init-guess is the pose of one pair, so it needs two maps, got {len(args.maps)}.")
-    for path in args.maps:
-        if not Path(path).is_file():
-            raise InputError(f"{path} cannot be read: there is no such file.")
+    check_inputs(args.maps)
     outputs = [
         (args.output, MAP_ENDINGS),
         (args.report, (".json",)),

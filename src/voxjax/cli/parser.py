@@ -1,6 +1,7 @@
 """The arguments of the command `voxjax`; imports nothing heavy."""
 
 import argparse
+from collections.abc import Sequence
 from typing import NoReturn
 
 from .. import __version__
@@ -22,8 +23,22 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2)
 
 
+def parse(argv: Sequence[str] | None) -> argparse.Namespace:
+    """The arguments; the chosen command is in `command`.
+
+    Raises:
+        SystemExit: If they are wrong, which has been said in one line, or ask for help or the version.
+    """
+    parser = build_parser()
+    args = parser.parse_args(argv)
+    for name, value in vars(args).items():
+        if value == []:  # what argparse of Python 3.11 and 3.12 makes of `--name=--`
+            parser.error(f"argument --{name.replace('_', '-')}: expected a value, got '--'")
+    return args
+
+
 def build_parser() -> argparse.ArgumentParser:
-    """Return the parser; the chosen command is in `command`."""
+    """Return the parser of all commands."""
     parser = _Parser(
         prog="voxjax",
         description="Fuse 3D occupancy maps of several robots without knowing how they lie to each other.",

@@ -3,6 +3,7 @@
 import argparse
 from pathlib import Path
 
+from .._checks import InputError
 from .._runtime.whole_files import write_files
 from ..io import read_map
 from ..view import draw_maps, encode_png
@@ -14,6 +15,9 @@ def run(args: argparse.Namespace) -> int:
     """Draw maps and return the exit code."""
     check_outputs([(args.output, (".png",))], force=args.force)
     grids = [read_map(path, voxel_size=args.voxel_size) for path in args.maps]
+    for path, grid in zip(args.maps, grids, strict=True):
+        if not grid.states.size:
+            raise InputError(f"{path} has no voxels, so there is nothing to draw; leave it out.")
     names = [Path(path).name for path in args.maps]
     picture = encode_png(draw_maps(grids, names=names, cut_ceiling=not args.keep_ceiling))
     write_files({args.output: picture}, force=args.force)
