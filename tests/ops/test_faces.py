@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from oracles import box_room
-from voxjax.ops.surface.faces import OCTANT_SIGNS, corner_faces, edge_directions
+from voxjax._runtime.tables import reserve, table_length
+from voxjax.ops.surface.faces import OCTANT_SIGNS, _faces_kernel, corner_faces, edge_directions
 
 
 def test_edges_lie_in_the_two_other_planes_on_the_positive_side():
@@ -45,3 +46,19 @@ def test_space_outside_the_map_is_unknown():
     places = np.asarray([[50.0, 0, 0], [-50.0, 0, 0], [1e9, 1e9, -1e9]], np.float32)
     faces = corner_faces(states, places, np.stack([np.eye(3, dtype=np.float32)] * 3))
     assert not any(np.asarray(a).any() for a in faces)
+
+
+def test_faces_are_seen_beyond_2_to_the_28_voxels():
+    shape = (936, 1698, 174)
+    flat = reserve(table_length(int(np.prod(shape))), dtype=np.uint8)
+    block = flat[: int(np.prod(shape))].reshape(shape)
+    small = np.ones((24, 24, 24), np.uint8)
+    small[:, :, 23] = small[:, 23] = small[23] = 2
+    block[-24:, -24:, -24:] = small
+    position, normals = np.full((1, 3), 23, np.float32), -np.eye(3, dtype=np.float32)[None]
+    expected = corner_faces(small, position, normals)
+    far = position + np.asarray(shape, np.float32) - np.float32(24)
+    found = _faces_kernel(flat, np.asarray(shape, np.int32), far, normals, first=1.5, last=5.5)
+    for one, other in zip(expected, found, strict=True):
+        np.testing.assert_array_equal(one, np.asarray(other))
+    assert np.asarray(found.seen).max() > 0.9

@@ -5,7 +5,7 @@ import pytest
 
 import voxjax as vx
 from voxjax import InputError, VoxelGrid
-from voxjax.pipeline import many, pair
+from voxjax.pipeline import many, memory_need, pair
 from voxjax.pipeline.memory_need import FIXED, MapSize, check_register_memory, register_memory
 
 
@@ -78,3 +78,22 @@ def test_the_pipeline_refuses_before_it_begins(monkeypatch, call):
     _allow(monkeypatch, FIXED / 2)
     with pytest.raises(InputError, match="registering maps"):
         call(_grid((30, 30, 20)), _grid((20, 20, 20)))
+
+
+@pytest.mark.parametrize("ask", [vx.register, lambda a, b, **options: vx.merge([a, b], **options)])
+def test_more_voxels_than_32_bits_count_are_refused_before_the_work(ask):
+    # Known corner to corner, and nothing between: no memory is asked for before the refusal.
+    states = np.zeros((60, 60, 60), np.uint8)
+    states[:3, :3, :3] = states[-3:, -3:, -3:] = 2
+    grid = VoxelGrid(states, np.zeros(3, np.float32), 0.1)
+    with pytest.raises(
+        InputError, match=r"a map at 0\.004 m must have at most 2,147 million voxels .* got 3,37"
+    ):
+        ask(grid, grid, config={"map": {"voxel_size": 0.004}})
+
+
+def test_an_extent_beyond_2_to_the_28_voxels_is_no_reason_to_refuse(monkeypatch):
+    monkeypatch.delenv("VOXJAX_MEMORY", raising=False)
+    monkeypatch.setattr(memory_need, "memory_limit", lambda: None)
+    grid = _grid((46, 84, 8), voxel_size=10.0)
+    check_register_memory([grid, grid], 0.5)

@@ -6,8 +6,9 @@ import jax
 import numpy as np
 import pytest
 
+from voxjax._checks import InputError
 from voxjax._runtime import placement
-from voxjax._runtime.tables import as_table, reserve, table_lengths
+from voxjax._runtime.tables import MAX_CELLS, MAX_ROWS, as_table, reserve, table_length, table_lengths
 from voxjax._runtime.threads import num_cores, spread
 
 
@@ -65,3 +66,31 @@ def test_spread_keeps_the_order_and_raises_what_a_piece_raised():
     assert num_cores() >= 1
     with pytest.raises(ZeroDivisionError):
         spread(lambda x: 1 // x, [1, 0, 2])
+
+
+HUGE = (936, 1698, 174)
+"""A site of 468 x 849 x 87 m in voxels of 0.5 m: a little more than 2^28 of them."""
+
+
+@pytest.mark.parametrize("name", ["cpu", "gpu"])
+@pytest.mark.parametrize("cells", [int(np.prod(HUGE)), 1 << 30, MAX_CELLS])
+def test_no_table_is_longer_than_int32_counts(monkeypatch: pytest.MonkeyPatch, name: str, cells: int) -> None:
+    monkeypatch.setattr(placement, "backend", lambda: name)
+    for rows in (1, cells // 100, MAX_ROWS):
+        volume, length = table_lengths(cells, rows)
+        assert cells <= volume <= MAX_CELLS
+        assert rows <= length <= MAX_ROWS
+    np.arange(2, dtype=np.int32) + np.int32(MAX_CELLS)  # one past the end is a number of 32 bits
+
+
+@pytest.mark.parametrize(("cells", "rows"), [(MAX_CELLS + 1, 1), (1, MAX_ROWS + 1)])
+def test_more_than_int32_counts_is_refused_in_a_sentence(cells: int, rows: int) -> None:
+    with pytest.raises(
+        InputError, match=r"a map must have at most .* million (occupied )?voxels .*; take a larger"
+    ):
+        table_lengths(cells, rows)
+
+
+def test_the_ladder_reserves_at_most_twice_what_a_large_map_needs() -> None:
+    for cells in range(1 << 28, MAX_CELLS, 99_999_989):
+        assert table_length(cells) <= max(2 * cells, 1 << 29)

@@ -1,8 +1,8 @@
 """Tables that kernels only look up: of few lengths, so that few kernels are compiled; memory for what is in them.
 
-A compiled kernel belongs to the shapes of its arguments. On a CPU a table is reserved at one of few lengths, each eight
-times the one before, in memory that the operating system provides page by page as it is written; JAX takes such an
-array as it is, without a copy. Accelerators know no such memory, and have the finer ladder of `_runtime.buckets`.
+A compiled kernel belongs to the shapes of its arguments. On a CPU a table is reserved at one of few lengths, in memory
+that the operating system provides page by page as it is written; JAX takes such an array as it is, without a copy.
+Accelerators know no such memory, and have the finer ladder of `_runtime.buckets`.
 """
 
 import contextlib
@@ -10,10 +10,16 @@ import mmap
 
 import numpy as np
 
+from .._checks import InputError
 from .buckets import bucket_size
 from .placement import on_host
 
-_STEP = 8
+MAX_CELLS = (1 << 31) - 64
+"""Largest table of a volume: kernels count its cells, and one past its end, in int32."""
+
+MAX_ROWS = (1 << 26) - 64
+"""Longest table of a list: keys of the nearest voxel keep 26 bits for its row."""
+
 _SMALLEST = 1 << 25
 """Cells of the smallest table of a volume."""
 _CELLS_A_ROW = 64
@@ -25,19 +31,56 @@ _HUGE = 1 << 22
 """Tables of fewer bytes have small pages: a huge one may be larger than what is in them."""
 
 
+def check_cells(num_cells: int | float, num_rows: int | float, what: str, advice: str) -> None:
+    """Raise if a volume, or the list of voxels in it, has more entries than kernels can count.
+
+    Args:
+        num_cells: Cells of the volume.
+        num_rows: Rows of the list.
+        what: What they belong to, as the subject of a sentence.
+        advice: What to do instead.
+
+    Raises:
+        InputError: If there are more than `MAX_CELLS` cells or `MAX_ROWS` rows.
+    """
+    for count, most, kind in ((num_cells, MAX_CELLS, "voxels"), (num_rows, MAX_ROWS, "occupied voxels")):
+        if count > most:
+            raise InputError(
+                f"{what} must have at most {most / 1e6:,.0f} million {kind} so that 32 bits count them, got "
+                f"{count / 1e6:,.0f} million; {advice}."
+            )
+
+
 def table_lengths(num_cells: int, num_rows: int) -> tuple[int, int]:
     """Lengths of the tables for a volume and for a list of voxels in it; few different pairs.
 
     Args:
         num_cells: Cells of the volume.
         num_rows: Rows of the list.
+
+    Raises:
+        InputError: If there are more than kernels can count, see `check_cells`.
     """
+    check_cells(num_cells, num_rows, "a map", "take a larger voxel size, or crop the map")
     if not on_host():
-        return bucket_size(num_cells, 1 << 20), bucket_size(num_rows, 1 << 14)
-    cells = _SMALLEST
-    while cells < num_cells or cells // _CELLS_A_ROW < num_rows:
-        cells *= _STEP
-    return cells, cells // _CELLS_A_ROW
+        return min(bucket_size(num_cells, 1 << 20), MAX_CELLS), min(bucket_size(num_rows, 1 << 14), MAX_ROWS)
+    cells = max(
+        table_length(num_cells), table_length(_CELLS_A_ROW * min(num_rows, MAX_CELLS // _CELLS_A_ROW))
+    )
+    rows = cells // _CELLS_A_ROW
+    return (cells, rows) if num_rows <= rows else (MAX_CELLS, MAX_ROWS)
+
+
+def table_length(num_cells: int, smallest: int = _SMALLEST) -> int:
+    """The first rung s, 8 s, 16 s, 32 s, ... with s `smallest` that holds so many cells, at most `MAX_CELLS`.
+
+    The first step is wide, so that nearly all maps share two lengths; above it, each doubling reserves gigabytes of
+    addresses, which some systems count as if they were memory.
+    """
+    length = smallest
+    while length < num_cells:
+        length *= 8 if length == smallest else 2
+    return min(length, MAX_CELLS)
 
 
 def reserve(length: int, *row: int, dtype: np.typing.DTypeLike) -> np.ndarray:

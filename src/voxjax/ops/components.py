@@ -20,6 +20,7 @@ from scipy import ndimage
 from .._checks import InputError, check_choice
 from .._runtime.buckets import bucket_size, pad_rows
 from .._runtime.placement import on_host
+from .._runtime.tables import check_cells
 from .._types import Array
 
 _RowsOf = Callable[[Array], list[tuple[Array, Array]]]
@@ -170,8 +171,14 @@ def grow_regions(
 
 
 def padded_size(shape: tuple[int, ...]) -> int:
-    """Length of the flat block that `label_voxels` needs for a grid, on the ladder of shapes."""
-    return bucket_size(int(np.prod([side + 2 for side in shape])), _SMALLEST_BLOCK)
+    """Length of the flat block that `label_voxels` needs for a grid, on the ladder of shapes.
+
+    Raises:
+        InputError: If the block has more voxels than int32 can count.
+    """
+    num_cells = int(np.prod([side + 2 for side in shape], dtype=np.int64))
+    check_cells(num_cells, 0, "a grid and the voxels around it", "label it tile by tile, or on the host")
+    return bucket_size(num_cells, _SMALLEST_BLOCK)
 
 
 def _neighbours(

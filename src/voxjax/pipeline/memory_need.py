@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._runtime.memory import GIGABYTE, check_memory, memory_limit
+from .._runtime.tables import MAX_ROWS, check_cells
 from .._types import OCCUPIED
 from ..grid import VoxelGrid
 
@@ -54,8 +55,10 @@ def check_register_memory(grids: Sequence[VoxelGrid], voxel_size: float) -> None
         voxel_size: At which they are compared [m].
 
     Raises:
-        InputError: If they need more than there is (see `voxjax._runtime.memory.check_memory`).
+        InputError: If a map has more voxels at that size than kernels can count, or all need more memory than there is
+            (see `voxjax._runtime.memory.check_memory`).
     """
+    _check_index_range(grids, voxel_size)
     limit = memory_limit()
     if limit is None:
         return
@@ -74,6 +77,21 @@ def check_register_memory(grids: Sequence[VoxelGrid], voxel_size: float) -> None
         f"{voxel_size:g} m",
         f"take {_larger(sizes, voxel_size, limit)}, crop the maps, or work tile by tile (voxjax.ops.map_tiles)",
     )
+
+
+def _check_index_range(grids: Sequence[VoxelGrid], voxel_size: float) -> None:
+    """Raise if the box around what a map knows has more voxels, or more occupied ones, than kernels can count.
+
+    Maps whose whole block is small enough for both are not read.
+    """
+    for grid in grids:
+        if MapSize(grid.shape, 0, grid.voxel_size).at(voxel_size)[0] <= MAX_ROWS:
+            continue
+        states = np.asarray(grid.states)
+        occupied = sum(int(np.count_nonzero(plane == OCCUPIED)) for plane in states)
+        num_voxels, num_occupied = MapSize(_known_sides(states), occupied, grid.voxel_size).at(voxel_size)
+        advice = "take a larger voxel size, crop the map, or work tile by tile (voxjax.ops.map_tiles)"
+        check_cells(num_voxels, num_occupied, f"a map at {voxel_size:g} m", advice)
 
 
 def register_memory(sizes: Sequence[MapSize], voxel_size: float) -> float:

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Float32, Int32
 
+from ..._runtime.tables import check_cells
 from ..._types import Array
 
 
@@ -82,7 +83,12 @@ def turned_on_host(rotation: np.ndarray, columns: np.ndarray) -> Iterator[np.nda
 
 
 def entries(field: Array, row: Array) -> Array:
-    """Entries of a flat field, at rows that it has: bounds and signs are not looked at again."""
+    """Entries of a flat field, at rows that it has: bounds and signs are not looked at again.
+
+    Raises:
+        InputError: If the field is longer than int32 can count.
+    """
+    check_cells(field.shape[0], 0, "a field", "look it up tile by tile")
     return jnp.asarray(field).at[row].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 

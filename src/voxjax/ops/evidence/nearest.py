@@ -13,6 +13,7 @@ from jaxtyping import Bool, Int32, UInt32
 
 from ..._checks import InputError
 from ..._runtime.materialize import materialized
+from ..._runtime.tables import check_cells
 from ..._types import Array
 from .lookup import entries
 
@@ -47,12 +48,13 @@ def nearest_field(
         `squared distance << 26 | row of index`, or `NOTHING_NEAR`; C order over `dims`.
 
     Raises:
-        InputError: If the radius or the number of rows does not fit the key.
+        InputError: If the radius or the number of rows does not fit the key, or the field is too long for int32.
     """
     if not 1 <= radius <= MAX_RADIUS:
         raise InputError(f"radius must be 1 to {MAX_RADIUS} voxels, got {radius}.")
     if index.shape[0] >= 1 << INDEX_BITS:
         raise InputError(f"index must list fewer than {1 << INDEX_BITS} voxels, got {index.shape[0]}.")
+    check_cells(flat_size, 0, "a field", "take a larger voxel size, or work tile by tile")
     row = jnp.arange(index.shape[0], dtype=jnp.uint32)
     strides = jnp.stack([dims[1] * dims[2], dims[2], jnp.ones_like(dims[2])])
     is_inside = mask & jnp.all((index >= 0) & (index < dims[None, :]), axis=1)

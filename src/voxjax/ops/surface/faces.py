@@ -16,7 +16,7 @@ from jaxtyping import Float32, Int32, UInt8
 
 from ..._runtime.pieces import over_pieces
 from ..._runtime.placement import are_numpy, to_device
-from ..._runtime.tables import as_table, table_lengths
+from ..._runtime.tables import as_table, check_cells, table_lengths
 from ..._types import FREE, OCCUPIED, Array
 
 OCTANT_SIGNS = np.asarray([[1 - 2 * ((o >> i) & 1) for i in range(3)] for o in range(8)], np.int32)
@@ -75,7 +75,11 @@ def corner_faces(
 
     Returns:
         `CornerFaces`.
+
+    Raises:
+        InputError: If the grid has more voxels than int32 can count.
     """
+    check_cells(states.size, 0, "states", "crop the grid, or work tile by tile")
     run = partial(_faces_kernel, first=first, last=last)
     shape = np.asarray(states.shape, np.int32)
     if are_numpy(states, position, normals):

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Int32, UInt8, UInt32
 
 from ..._checks import InputError
-from ..._runtime.tables import reserve, table_lengths
+from ..._runtime.tables import check_cells, reserve, table_length
 from ..._runtime.threads import spread
 from ..._types import FREE, OCCUPIED, Array
 from ..bits import GATHER_BITS
@@ -94,7 +94,7 @@ def pack_on_host(states: UInt8[np.ndarray, "x y z"], *, margin: int) -> PackedSt
     """
     shape = _packed_shape(states.shape, margin)
     num_words, front = int(np.prod(shape)), _empty_groups(margin)
-    length = table_lengths(num_words * GROUP, 0)[0] // GROUP
+    length = table_length(num_words, (1 << 25) // GROUP)
     num_rows = 1 if margin <= SHARED_MARGIN else 2
     words = reserve(num_rows * length, dtype=np.uint32).reshape(num_rows, length)
     planes = words[:, :num_words].reshape(num_rows, shape[0], shape[1] * shape[2])
@@ -130,7 +130,10 @@ def _packed_shape(shape: tuple[int, ...], margin: int) -> tuple[int, int, int]:
             f"size must be at most {2 * MAX_MARGIN + 1} voxels and reach at most {MAX_MARGIN}, got a window that "
             f"reaches {margin} voxels; take a smaller window or a coarser grid."
         )
-    return shape[0] + 2 * margin, shape[1] + 2 * margin, -(-shape[2] // GROUP) + _empty_groups(margin)
+    packed = shape[0] + 2 * margin, shape[1] + 2 * margin, -(-shape[2] // GROUP) + _empty_groups(margin)
+    num_groups = packed[0] * packed[1] * packed[2]
+    check_cells(num_groups, 0, "packed states", "crop the grid, or work tile by tile")
+    return packed
 
 
 def _with_next(words: Array, count: int) -> Array:
