@@ -87,7 +87,7 @@ def test_more_voxels_than_32_bits_count_are_refused_before_the_work(ask):
     states[:3, :3, :3] = states[-3:, -3:, -3:] = 2
     grid = VoxelGrid(states, np.zeros(3, np.float32), 0.1)
     with pytest.raises(
-        InputError, match=r"a map at 0\.004 m must have at most 2,147 million voxels .* got 3,37"
+        InputError, match=r"a map at 0\.004 m must have at most 2,147 million voxels .* got 3,38"
     ):
         ask(grid, grid, config={"map": {"voxel_size": 0.004}})
 
