@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from .._results import RESULTS
-from ..refinement.refine import Refinement
+from ..refinement.outcome import Refinement
 from ..registration.judging.conflict_pieces import net_scores
 from ..registration.judging.leaders import Judgement, Leaders
 from ..registration.judging.verdict import Finding, support

@@ -3,57 +3,26 @@
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
-from jaxtyping import Bool, Float, Int32
 
-from .._checks import InputError, check_choice, check_pose
-from .._results import RESULTS
+from .._checks import InputError, check_choice
 from .._runtime.threads import spread
 from .._types import Array
 from ..grid import VoxelGrid
 from ..maps.prepared import PreparedMap
-from .maps.coarse_to_fine import (
-    COARSE_POINTS,
-    CoarseLevel,
-    better,
-    checked_distances,
-    coarse_levels,
-    scales_in_reach,
-    turned,
-)
+from .maps.coarse_to_fine import better, checked_distances, coarse_levels, scales_in_reach
 from .maps.many_starts import solve_starts
 from .maps.pair import checked_residuals, pose_problem
+from .maps.starts import checked_start, lead_pose
 from .maps.views import views_of
+from .outcome import Refinement, how_it_ended, unrefined_pose
 from .residuals.losses import Loss
 from .residuals.terms import Term
-from .solve.covariance import PATCH_VOXELS, PRIOR, pose_covariance
+from .solve.covariance import PATCH_VOXELS, pose_covariance
 from .solve.pose import problem_cost, solve_pose
 from .solve.problem import PoseProblem
-
-
-class Refinement(eqx.Module):
-    """Outcome of `voxjax.refine`; every array with a leading axis k if there were k starts.
-
-    Attributes:
-        T_a_b: float32 (4, 4): maps points of b into a. Never worse than the start under the cost.
-        covariance: float32 (6, 6) of the tangent (translation [m], rotation [rad]) about the centroid of map
-            b expressed in frame a.
-        result: `successful`, `not_converged`, `degenerate` or `empty_map`.
-        num_steps: Evaluations of the residuals, all levels together.
-        cost_before: Robust cost of the start, in [0, 1] for bounded losses.
-        cost_after: The same after refinement.
-    """
-
-    T_a_b: Float[Array, "*starts 4 4"]
-    covariance: Float[Array, "*starts 6 6"]
-    result: RESULTS
-    num_steps: Int32[Array, "*starts"]
-    cost_before: Float[Array, "*starts"]
-    cost_after: Float[Array, "*starts"]
 
 
 def refine(
@@ -112,14 +81,14 @@ def refine(
     if num_points < 1:
         raise InputError(f"num_points must be 1 or more, got {num_points}.")
     kinds = checked_residuals(residuals)
-    start = _checked_start(T_a_b)
+    start = checked_start("T_a_b", T_a_b)
     target, other = views_of({"a": a, "b": b}, soft=soft)
     if target is None or other is None:
-        return _nothing_to_refine(start)
+        return unrefined_pose(start)
     voxel = target.prepared.grid.voxel_size
     first, last = checked_distances(max_distance, final_distance, voxel)
     coarse = coarse_levels([target.prepared, other.prepared], first, voxel)
-    led = _lead(start, other.prepared.centroid, coarse, loss=loss, both_ways=both_ways)
+    led = lead_pose(start, other.prepared.centroid, coarse, loss=loss, both_ways=both_ways)
     problem = pose_problem(
         target, other, residuals=kinds, num_points=num_points, loss=loss, both_ways=both_ways
     )
@@ -137,7 +106,7 @@ def refine(
     num_patches = np.asarray(other.prepared.num_points / PATCH_VOXELS, scales.dtype)
     covariance = partial(pose_covariance, planes, scale=scales[-1], num_patches=num_patches)
     covariances, is_degenerate = _each(covariance, found.T_a_b)
-    outcome = jax.vmap(_outcome) if start.ndim == 3 else _outcome
+    outcome = jax.vmap(how_it_ended) if start.ndim == 3 else how_it_ended
     return Refinement(
         T_a_b=found.T_a_b,
         covariance=covariances,
@@ -148,65 +117,8 @@ def refine(
     )
 
 
-def _lead(
-    start: Array, centroid: Array, coarse: Sequence[CoarseLevel], *, loss: Loss, both_ways: bool
-) -> Array:
-    """Lead a start or several along coarser maps, to within the reach of the maps themselves.
-
-    A single start goes with turned ones; the pose of least cost on the finest of the coarser maps is taken.
-
-    Args:
-        start: One, or several.
-        centroid: Of map b [m].
-        coarse: Both maps, coarsened; without a level the start stays.
-        loss: What a large offset costs.
-        both_ways: See `refine`.
-    """
-    led = jax.lax.stop_gradient(jax.device_put(start))
-    if not coarse:
-        return led
-    is_single = led.ndim == 2
-    poses = np.asarray(turned(led, centroid) if is_single else led)
-    costs: Array = np.zeros(len(poses), poses.dtype)
-    for maps, scales in coarse:
-        problem = pose_problem(*maps, num_points=COARSE_POINTS, loss=loss, both_ways=both_ways)
-        found = solve_starts(problem, poses, scales.astype(poses.dtype))
-        poses, costs = np.asarray(found.T_a_b), found.cost_after
-    return jnp.asarray(poses[np.argmin(costs)] if is_single else poses)
-
-
-def _outcome(converged: Bool[Array, ""], is_degenerate: Bool[Array, ""]) -> RESULTS:
-    ended = RESULTS.where(converged, RESULTS.successful, RESULTS.not_converged)
-    return RESULTS.where(is_degenerate, RESULTS.degenerate, ended)
-
-
 def _each(function: Callable[[Array], tuple[Array, ...]], poses: Array) -> tuple[Array, ...]:
     """A function of a pose, of one or of each of several."""
     if poses.ndim == 2:
         return function(poses)
     return tuple(np.stack(column) for column in zip(*spread(function, list(poses)), strict=True))
-
-
-def _checked_start(T_a_b: object) -> Array:
-    """One start or several; a traced one is taken as it is."""
-    if isinstance(T_a_b, jax.Array) and isinstance(T_a_b, Tracer):
-        return T_a_b
-    poses = np.asarray(T_a_b)
-    if poses.ndim != 3:
-        return check_pose("T_a_b", T_a_b)
-    if not len(poses):
-        raise InputError("T_a_b must hold at least one start, got none.")
-    return np.stack([check_pose(f"T_a_b[{number}]", pose) for number, pose in enumerate(poses)])
-
-
-def _nothing_to_refine(start: Array) -> Refinement:
-    """The start, with a covariance that says that nothing is known."""
-    batch = start.shape[:-2]
-    one = np.ones(batch, np.float32)
-    unknown = np.broadcast_to(np.eye(6, dtype=np.float32) * np.float32(PRIOR**2), (*batch, 6, 6))
-    result = RESULTS.empty_map
-    if batch:
-        result = jax.vmap(lambda is_known: RESULTS.where(is_known, RESULTS.successful, RESULTS.empty_map))(
-            jnp.zeros(batch, bool)
-        )
-    return Refinement(start, unknown, result, np.zeros(batch, np.int32), one, one)

@@ -1,30 +1,19 @@
 """Refinement of the poses of N maps together, on the surfaces that pairs of them share."""
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
-from jaxtyping import Bool, Float, Int32
+from jaxtyping import Bool, Float
 
-from .._checks import InputError, check_choice, check_pose
+from .._checks import InputError, check_choice
 from .._results import RESULTS
 from .._types import Array
 from ..grid import VoxelGrid
 from ..maps.prepared import PreparedMap
-from .maps.coarse_to_fine import (
-    COARSE_POINTS,
-    CoarseLevel,
-    better,
-    checked_distances,
-    coarse_levels,
-    scales_in_reach,
-    turned,
-)
-from .maps.joint import joint_maps, joint_problem
+from .maps.coarse_to_fine import CoarseLevel, better, checked_distances, coarse_levels, scales_in_reach
+from .maps.joint import joint_maps
 from .maps.joint_pairs import (
     Pair,
     check_map,
@@ -35,44 +24,16 @@ from .maps.joint_pairs import (
     overlapping_pairs,
     with_named,
 )
-from .maps.many_starts import spread_solves
 from .maps.pair import checked_residuals
+from .maps.starts import checked_starts, lead_poses, values_of_start
 from .maps.views import views_of
+from .outcome import JointRefinement, how_it_ended, unrefined_poses
 from .residuals.losses import Loss
 from .residuals.terms import Term
 from .solve.joint import solve_joint
 from .solve.joint_covariance import joint_covariance
+from .solve.joint_problem import JointProblem
 from .solve.pose import problem_cost
-
-
-class JointRefinement(eqx.Module):
-    """Outcome of `voxjax.refine_joint`.
-
-    Attributes:
-        poses: float32 (maps, 4, 4) `T_world_map`; together never worse than the start under the cost. Maps in `held`
-            have the pose that they had.
-        covariance: float32 (maps, 6, 6) of the tangent (translation [m], rotation [rad]) about the centroid of each
-            map expressed in the world, given the poses in `held`; for these it is 0, and that of a map without a pair
-            means nothing. It has no derivative.
-        result: `successful`, `not_converged`, `degenerate` (a map slides, see `covariance`), `no_overlap` or
-            `empty_map` (there was no pair to refine).
-        pairs: The pairs that were held against each other.
-        held: Maps that kept their pose: the anchor, and the first map of each set that no pair connects with it.
-        unpaired: Maps without a pair, all in `held`.
-        num_steps: Steps of the solver, all levels together, without those on coarser maps.
-        cost_before: Mean over the pairs of the robust cost of the start, in [0, 1] for bounded losses.
-        cost_after: The same after refinement.
-    """
-
-    poses: Float[Array, "maps 4 4"]
-    covariance: Float[Array, "maps 6 6"]
-    result: RESULTS
-    pairs: tuple[tuple[int, int], ...]
-    held: tuple[int, ...]
-    unpaired: tuple[int, ...]
-    num_steps: Int32[Array, ""]
-    cost_before: Float[Array, ""]
-    cost_after: Float[Array, ""]
 
 
 def refine_joint(
@@ -138,7 +99,7 @@ def refine_joint(
         raise InputError(
             f"grids and poses must be two or more and equally many, got {len(grids)} and {len(poses)}."
         )
-    start = np.stack([_checked_start(number, T) for number, T in enumerate(poses)])
+    start = checked_starts("poses", [values_of_start(f"poses[{k}]", T) for k, T in enumerate(poses)])
     check_map("anchor", anchor, len(grids))
     chosen = None if pairs is None else checked_pairs("pairs", pairs, len(grids))
     named = checked_terms(terms, chosen, len(grids))
@@ -149,8 +110,7 @@ def refine_joint(
     first, last = checked_distances(max_distance, final_distance, voxel)
     coarse = coarse_levels(list(filled.values()), first, voxel)
     if chosen is None:
-        seen = dict(zip(filled, coarse[0].maps, strict=True)) if coarse else filled
-        chosen = overlapping_pairs([seen.get(number) for number in range(len(grids))], start)
+        chosen = _overlapping(filled, coarse, start)
     chosen = [(a, b) for a, b in with_named(chosen, named) if a in filled and b in filled]
 
     parts = connected_parts(len(grids), chosen)
@@ -159,7 +119,7 @@ def refine_joint(
     unpaired = tuple(np.flatnonzero(np.bincount(parts, minlength=len(grids))[parts] == 1).tolist())
     if not chosen:
         reason = RESULTS.empty_map if len(filled) < 2 else RESULTS.no_overlap
-        return _nothing_to_refine(start, reason, held, unpaired)
+        return unrefined_poses(start, reason, held, unpaired)
 
     made = joint_maps(views, chosen, kinds, num_points)
     dtype = made.centroids.dtype
@@ -172,7 +132,7 @@ def refine_joint(
     shift = np.zeros((1, 4, 4), dtype)
     shift[0, :3, 3] = start[anchor, :3, 3]
     near = jnp.asarray(start.astype(dtype) - shift)
-    led = _lead(near, made.centroids, tuple(filled), coarse, chosen, is_held, loss)
+    led = lead_poses(near, made.centroids, coarse, tuple(filled), chosen, is_held, loss)
     found = solve_joint(problem, led, scales)
     if coarse:
         before = problem_cost(problem, near, scales)
@@ -181,14 +141,11 @@ def refine_joint(
 
     num_voxels = np.zeros(len(grids), dtype)
     num_voxels[list(filled)] = [prepared.num_points for prepared in filled.values()]
-    known = jax.lax.stop_gradient((planes, found.poses))
-    covariance = joint_covariance(*known, scales[-1], num_voxels, np.asarray(voxel, dtype))
-    spread_out = jnp.linalg.eigvalsh(covariance[:, :3, :3])[:, -1]
-    result = RESULTS.where(found.converged, RESULTS.successful, RESULTS.not_converged)
+    covariance, slides = _spread(planes, found.poses, scales, num_voxels, np.asarray(voxel, dtype))
     return JointRefinement(
         poses=jnp.where(is_held[:, None, None], start.astype(dtype), found.poses + shift),
         covariance=covariance,
-        result=RESULTS.where(jnp.any(spread_out > scales[-1] ** 2), RESULTS.degenerate, result),
+        result=how_it_ended(found.converged, slides),
         pairs=tuple(chosen),
         held=held,
         unpaired=unpaired,
@@ -198,60 +155,26 @@ def refine_joint(
     )
 
 
-def _checked_start(number: int, T_world_map: object) -> np.ndarray:
-    """A start as values: under `jax.grad` and `jax.jvp` those of what is traced."""
-    if isinstance(T_world_map, jax.Array):
-        T_world_map = jax.lax.stop_gradient(T_world_map)
-        if isinstance(T_world_map, Tracer):
-            raise InputError(
-                f"poses[{number}] must be values, not traced by jit or vmap: they decide which maps overlap; compile "
-                "`refinement.solve_joint` instead."
-            )
-    return check_pose(f"poses[{number}]", T_world_map)
+def _overlapping(
+    filled: Mapping[int, PreparedMap], coarse: Sequence[CoarseLevel], start: Float[np.ndarray, "maps 4 4"]
+) -> list[Pair]:
+    """Pairs of maps that overlap under the starts, at the voxel size that the starts are first refined at."""
+    seen = dict(zip(filled, coarse[0].maps, strict=True)) if coarse else filled
+    return overlapping_pairs([seen.get(number) for number in range(len(start))], start)
 
 
-def _lead(
-    start: Float[Array, "maps 4 4"],
-    centroids: Float[Array, "maps 3"],
-    numbers: Sequence[int],
-    coarse: Sequence[CoarseLevel],
-    pairs: Sequence[Pair],
-    is_held: Bool[np.ndarray, "maps"],
-    loss: Loss,
-) -> Float[Array, "maps 4 4"]:
-    """Lead all poses together along coarser maps, to within the reach of the maps themselves.
+def _spread(
+    planes: JointProblem,
+    poses: Float[Array, "maps 4 4"],
+    scales: Float[np.ndarray, "levels"],
+    num_voxels: Float[Array, "maps"],
+    voxel_size: Float[Array, ""],
+) -> tuple[Float[Array, "maps 6 6"], Bool[Array, ""]]:
+    """Covariances of the poses, and whether a map can slide: its place is less sure than the last robust scale.
 
-    The starts go with turned ones, all maps alike that are not held, each about its own centroid; the poses of least
-    cost on the finest of the coarser maps are taken.
-
-    Args:
-        start: `T_world_map` of all maps.
-        centroids: Of the maps [m].
-        numbers: Of the maps that the coarser ones are of.
-        coarse: Coarser maps; without a level the starts stay.
-        pairs: Which are held against each other.
-        is_held: Which keep their pose.
-        loss: What a large offset costs.
+    Both count points against planes alone, whatever the residuals were: only these know how much a wall is worth.
     """
-    if not coarse:
-        return start
-    every_way = jnp.swapaxes(jax.vmap(turned)(start, centroids), 0, 1)
-    ways = list(jnp.where(is_held[None, :, None, None], start[None], every_way))
-    costs = [np.inf] * len(ways)
-    for maps, scales in coarse:
-        by_number = dict(zip(numbers, maps, strict=True))
-        every = [by_number.get(number) for number in range(len(start))]
-        problem = joint_problem(every, pairs, is_held, num_points=COARSE_POINTS, loss=loss)
-        solve = partial(solve_joint, problem, scales=scales.astype(start.dtype))
-        found = spread_solves(solve, ways)
-        ways, costs = [each.poses for each in found], [float(each.cost_after) for each in found]
-    return ways[int(np.argmin(costs))]
-
-
-def _nothing_to_refine(
-    start: np.ndarray, result: RESULTS, held: tuple[int, ...], unpaired: tuple[int, ...]
-) -> JointRefinement:
-    """The starts as they are."""
-    one = np.asarray(1.0, np.float32)
-    unknown = np.zeros((len(start), 6, 6), np.float32)
-    return JointRefinement(start, unknown, result, (), held, unpaired, np.asarray(0, np.int32), one, one)
+    known = jax.lax.stop_gradient((planes, poses))
+    covariance = joint_covariance(*known, scales[-1], num_voxels, voxel_size)
+    longest = jnp.linalg.eigvalsh(covariance[:, :3, :3])[:, -1]
+    return covariance, jnp.any(longest > scales[-1] ** 2)
