@@ -12,7 +12,7 @@ def _eight_gigabytes(monkeypatch):
 
 
 def test_a_file_may_take_memory_in_proportion_to_its_size():
-    small, large = Budget.of_file(100), Budget.of_file(1_000_000)
+    small, large = Budget(100), Budget(1_000_000)
     small.check(1 << 29, "the map")
     large.check(2048 * 1_000_000, "the map")
     with pytest.raises(
@@ -23,19 +23,19 @@ def test_a_file_may_take_memory_in_proportion_to_its_size():
 
 def test_no_file_may_take_more_than_is_available():
     with pytest.raises(InputError, match="8 GB are available"):
-        Budget.of_file(10**9).check(9e9, "the tree")
+        Budget(10**9).check(9e9, "the tree")
 
 
 def test_the_environment_overrides_both(monkeypatch):
     monkeypatch.setenv("VOXJAX_MEMORY", "0.1")
     with pytest.raises(InputError, match=r"VOXJAX_MEMORY allows 0\.1 GB"):
-        Budget.of_file(10**9).check(2e8, "the map")
+        Budget(10**9).check(2e8, "the map")
     monkeypatch.setenv("VOXJAX_MEMORY", "off")
-    Budget.of_file(1).check(1e12, "the map")
+    Budget(1).check(1e12, "the map")
 
 
 def test_grids_are_refused_by_their_voxels_and_by_their_bytes():
-    budget = Budget.of_file(100)
+    budget = Budget(100)
     budget.check_grid((1024, 1024, 512), 1)
     with pytest.raises(InputError, match=r"the map of 1024 x 1024 x 512 voxels needs about 2\.68 GB"):
         budget.check_grid((1024, 1024, 512), 5)
@@ -46,8 +46,8 @@ def test_grids_are_refused_by_their_voxels_and_by_their_bytes():
 
 
 def test_whoever_names_the_number_of_voxels_gets_them_from_any_file():
-    Budget.of_file(100, 2 * MAX_VOXELS).check_grid((2048, 1024, 1024), 1)
+    Budget(100, 2 * MAX_VOXELS).check_grid((2048, 1024, 1024), 1)
     with pytest.raises(InputError, match="more than the limit of 50"):
-        Budget.of_file(100, 50).check_grid((4, 4, 4), 1)
+        Budget(100, 50).check_grid((4, 4, 4), 1)
     with pytest.raises(InputError, match="8 GB are available"):
-        Budget.of_file(100, 10**10).check_grid((2100, 2000, 2000), 1)
+        Budget(100, 10**10).check_grid((2100, 2000, 2000), 1)

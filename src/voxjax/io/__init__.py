@@ -112,17 +112,18 @@ def _ending(path: Path) -> str:
 def _grid_from_cloud(
     data: bytes, *, voxel_size: float, sensor_origins: object, max_range: float | None, max_voxels: int | None
 ) -> VoxelGrid:
-    budget = Budget.of_file(len(data), max_voxels)
+    budget = Budget(len(data), max_voxels)
     points = decode_ply(data)
     if not len(points):
         raise InputError("the cloud has no points")
-    # The most that was seen: 117 bytes for a point, and where rays may cross a voxel, four more for each.
+    # The most that was seen is 117 bytes for a point. Where rays may cross, the marks of a voxel take four bytes more.
     budget.check(150 * len(points), "the cloud")
+    bytes_per_voxel = 1 if sensor_origins is None else 5
     states, origin = grid_from_points(
         points,
         voxel_size=voxel_size,
         sensor_origins=sensor_origins,
         max_range=max_range,
-        max_voxels=int(min(budget.max_voxels, budget.num_bytes // (1 if sensor_origins is None else 5))),
+        max_voxels=int(min(budget.most_voxels, budget.memory()[0] / bytes_per_voxel)),
     )
     return VoxelGrid(states, origin, voxel_size)

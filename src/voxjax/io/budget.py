@@ -19,39 +19,36 @@ class Budget(NamedTuple):
     """What reading one file may take.
 
     Attributes:
-        num_bytes: Memory beside the file itself [byte].
-        origin: Where this number comes from, a main clause for the message of a refusal.
-        max_voxels: Largest dense grid.
+        size: Length of the file [byte].
+        max_voxels: Largest dense grid, chosen by the caller; None for `MAX_VOXELS`, and for less from a small file.
     """
 
-    num_bytes: float
-    origin: str
-    max_voxels: int
+    size: int
+    max_voxels: int | None = None
 
-    @classmethod
-    def of_file(
-        cls, size: int, max_voxels: int | None = None, *, least: int = 1 << 29, per_byte: int = 2048
-    ) -> "Budget":
-        """The budget of a file.
+    @property
+    def most_voxels(self) -> int:
+        """Largest dense grid, whatever the memory."""
+        return MAX_VOXELS if self.max_voxels is None else self.max_voxels
+
+    def memory(self, *, least: int = 1 << 29, per_byte: int = 2048) -> tuple[float, str]:
+        """Memory beside the file itself [byte], and where this number comes from: a main clause for a refusal.
 
         What `VOXJAX_MEMORY` allows, if it is set; else what is available, and without `max_voxels` no more than a file
         of this size can need. A real map takes 30 to 900 bytes of memory for a byte of its file. The densest archive
         holds 1032 bytes in one, an empty map of `least` voxels can be a file of 100 bytes.
 
         Args:
-            size: Length of the file [byte].
-            max_voxels: Largest dense grid, chosen by the caller; None for `MAX_VOXELS`.
             least: What any file may take [byte].
             per_byte: What a file may take for each of its bytes [byte].
         """
-        most = MAX_VOXELS if max_voxels is None else max_voxels
         chosen, available = chosen_memory(), available_memory()
-        justified = float(max(least, per_byte * size)) if max_voxels is None else math.inf
+        justified = float(max(least, per_byte * self.size)) if self.max_voxels is None else math.inf
         if chosen is not None:
-            return cls(chosen, f"VOXJAX_MEMORY allows {chosen / GIGABYTE:.3g} GB", most)
+            return chosen, f"VOXJAX_MEMORY allows {chosen / GIGABYTE:.3g} GB"
         if available is not None and available < justified:
-            return cls(float(available), f"{available / GIGABYTE:.3g} GB are available", most)
-        return cls(justified, f"a file of {size:,} bytes may take {justified / GIGABYTE:.3g} GB", most)
+            return float(available), f"{available / GIGABYTE:.3g} GB are available"
+        return justified, f"a file of {self.size:,} bytes may take {justified / GIGABYTE:.3g} GB"
 
     def check(self, need: int | float, what: str) -> None:
         """Raise if something needs more memory than the budget has.
@@ -63,9 +60,12 @@ class Budget(NamedTuple):
         Raises:
             InputError: If that is too much.
         """
-        if need > self.num_bytes:
+        if need < 1 << 24:  # less than a process takes that reads maps: not worth the milliseconds of asking
+            return
+        most, origin = self.memory()
+        if need > most:
             raise InputError(
-                f"{what} needs about {need / GIGABYTE:.3g} GB of memory, and {self.origin}; if the file is right, cut "
+                f"{what} needs about {need / GIGABYTE:.3g} GB of memory, and {origin}; if the file is right, cut "
                 "it to what is needed, or set VOXJAX_MEMORY to the gigabytes that it may take"
             )
 
@@ -81,9 +81,10 @@ class Budget(NamedTuple):
             InputError: If it has more voxels or takes more memory than the budget has.
         """
         num_voxels, size = math.prod(shape), " x ".join(map(str, shape))
-        if max(num_voxels, *shape, 0) > self.max_voxels:  # an empty axis hides the others in the product
+        limit = self.most_voxels
+        if max(num_voxels, *shape, 0) > limit:  # an empty axis hides the others in the product
             raise InputError(
-                f"the map spans {size} voxels, more than the limit of {self.max_voxels:,}; "
+                f"the map spans {size} voxels, more than the limit of {limit:,}; "
                 "cut the map, or raise max_voxels if there is memory for it"
             )
         self.check(num_voxels * bytes_per_voxel + extra, f"the map of {size} voxels")

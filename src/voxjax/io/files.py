@@ -31,7 +31,7 @@ def read_bytes(path: str | os.PathLike, *, most: int | None = None) -> bytes:
             _check_kind(status.st_mode)
             if most is not None and status.st_size > most:
                 raise InputError(f"it holds {status.st_size:,} bytes, more than the {most:,} that make sense")
-            Budget.of_file(status.st_size).check(status.st_size, "the file itself")
+            Budget(status.st_size).check(status.st_size, "the file itself")
             return file.read(status.st_size)
     except (OSError, ValueError) as error:
         if isinstance(error, InputError):

@@ -66,7 +66,7 @@ def decode_npz(data: bytes, *, max_voxels: int | None = None) -> VoxelGrid:
         InputError: If the file is damaged, no voxjax map, of a newer version, has wrong shapes, types or
             values, or holds more than the limit.
     """
-    budget = Budget.of_file(len(data), max_voxels)
+    budget = Budget(len(data), max_voxels)
     with _damage_explained():
         archive = zipfile.ZipFile(_Pieces(data))
         names = {name.removesuffix(".npy") for name in archive.namelist()}

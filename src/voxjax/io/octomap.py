@@ -47,7 +47,7 @@ def decode_bt(data: bytes, *, max_voxels: int | None = None) -> VoxelGrid:
         InputError: If the bytes are no whole binary OctoMap file, or expand to more than the limit.
     """
     # The most that was seen in a walk: 49 bytes for each byte of a file whose nodes have eight leaves each.
-    budget, walk = Budget.of_file(len(data), max_voxels), 64 * len(data)
+    budget, walk = Budget(len(data), max_voxels), 64 * len(data)
     budget.check(walk, "the tree in the file")
     header = read_header(data) if data.startswith(BINARY_LINE) else read_legacy_header(data)
     if header.num_nodes == 0:
@@ -70,7 +70,7 @@ def decode_ot(data: bytes, *, max_voxels: int | None = None) -> VoxelGrid:
             that are not finite, or expand to more than the limit.
     """
     # The most that was seen in a walk: 13 bytes for each byte of a file whose nodes have eight leaves each.
-    budget, walk = Budget.of_file(len(data), max_voxels), 20 * len(data)
+    budget, walk = Budget(len(data), max_voxels), 20 * len(data)
     budget.check(walk, "the tree in the file")
     if not data.startswith(FULL_LINE):
         raise InputError(f"the first line must be {FULL_LINE.decode()!r}")

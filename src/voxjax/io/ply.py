@@ -52,7 +52,7 @@ def decode_ply(data: bytes) -> np.ndarray:
             hold lists, or coordinates are not finite.
     """
     # The most that was seen: a row of three bytes becomes three numbers of eight, twice.
-    Budget.of_file(len(data)).check(16 * len(data), "reading the cloud")
+    Budget(len(data)).check(16 * len(data), "reading the cloud")
     form, elements, start = _read_header(data)
     names = [element.name for element in elements]
     if names.count("vertex") != 1:

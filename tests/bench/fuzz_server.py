@@ -1,0 +1,14 @@
+"""Stands for a process that reads files, and imports nothing that takes long."""
+
+import time
+
+
+def serve(connection, ending, megabytes):
+    """Do what the files say."""
+    connection.send("ready")
+    while (data := connection.recv()) is not None:
+        if data == b"slow":
+            time.sleep(60)
+        if data == b"dies":
+            raise SystemExit(7)
+        connection.send(("read", 2000.0 if data == b"large" else 100.0, 0.1))
