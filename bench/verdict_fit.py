@@ -20,6 +20,7 @@ from scipy.optimize import minimize
 
 from voxjax.registration.judging import conflict_pieces, verdict
 from voxjax.registration.judging.leaders import Judgement
+from voxjax.registration.judging.settings import VerdictConfig
 
 
 def judgement_of(row: dict, *, without_truth: bool = False) -> tuple[Judgement, np.ndarray]:
@@ -41,12 +42,11 @@ def judgement_of(row: dict, *, without_truth: bool = False) -> tuple[Judgement, 
 
 def chances(judged: Judgement, *, first: np.ndarray, piece: float, has_free_space: bool) -> np.ndarray:
     """Probabilities as `verdict` gives them, with other coefficients: none, score, support; weight of pieces."""
-    score = np.log(np.maximum(judged.score(), verdict.LEAST_EVIDENCE))
-    support = np.log(np.maximum(verdict.support(judged), verdict.LEAST_SUPPORT))
+    score, support = verdict.log_evidence(judged)
     utility = first[1] * score + first[2] * support
     is_rival = conflict_pieces.rivals(judged)
     if has_free_space and is_rival.any():
-        within = conflict_pieces.RIVAL_WEIGHT * score - piece * np.log1p(judged.pieces)
+        within = VerdictConfig.rival_weight * score - piece * np.log1p(judged.pieces)
         within = np.where(is_rival, within, -np.inf)
         within = within - np.logaddexp.reduce(within)
         utility = np.where(is_rival, utility[is_rival].max() + within, utility)
@@ -122,7 +122,7 @@ def main(argv: list[str]) -> int:
         first, piece = fit(mine, has_free_space=has_free_space)
         print(f"  fitted none {first[0]:.2f}, score {first[1]:.2f}, support {first[2]:.2f}", end="")
         print(f", pieces {piece:.2f}" if has_free_space else "")
-        print(f"  in use {in_use[has_free_space]}, pieces {conflict_pieces.RIVAL_WEIGHT}")
+        print(f"  in use {in_use[has_free_space]}, pieces {VerdictConfig.rival_weight}")
         print("\n".join(judge_folds(mine, has_free_space=has_free_space)))
     return 0
 

@@ -46,7 +46,7 @@ def pose(angle, translation):
     return T
 
 
-def fake_features(grid, *, voxel_size, infer_free_space):
+def fake_features(grid, *, voxel_size, config):
     """Features that know their map alone."""
     return SimpleNamespace(grid=grid, late=None)
 

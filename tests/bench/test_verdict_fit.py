@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from bench.verdict_fit import chances, fit, judgement_of
 
-from voxjax.registration.judging import conflict_pieces, verdict
+from voxjax.registration.judging import verdict
+from voxjax.registration.judging.settings import VerdictConfig
 
 
 def leader(score, support=0.2, contradiction=0.0, *, right=False):
@@ -24,7 +25,7 @@ def test_with_the_coefficients_in_use_the_fit_has_the_probabilities_of_the_verdi
     judged, _ = judgement_of(row)
     used = verdict.WITH_FREE_SPACE if has_free_space else verdict.WITHOUT_FREE_SPACE
     first = np.asarray([used.none, used.score, used.support])
-    ours = chances(judged, first=first, piece=conflict_pieces.RIVAL_WEIGHT, has_free_space=has_free_space)
+    ours = chances(judged, first=first, piece=VerdictConfig.rival_weight, has_free_space=has_free_space)
     np.testing.assert_allclose(
         ours, verdict.probabilities(judged, has_free_space=has_free_space), rtol=1e-9, atol=1e-15
     )

@@ -90,7 +90,7 @@ def test_a_small_map_is_found_at_the_far_end_of_a_large_one():
         maps = [map_features(m, max_virtual=8) for m in (a, b)]
         frame = upright_frame(maps[0].directions, maps[0].shares)
         poses, _ = exhaustive_hypotheses(
-            maps[0].prepared, maps[1].prepared, np.eye(3)[None], frame, num_peaks=1
+            maps[0].prepared, maps[1].prepared, np.eye(3)[None], frame, conflict_weight=3.0, num_peaks=1
         )
         np.testing.assert_allclose(poses[0, :3, 3], 0.0, atol=0.3)
 

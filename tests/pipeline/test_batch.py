@@ -34,9 +34,9 @@ def test_a_batch_gives_what_each_pair_gives_alone(maps, monkeypatch):
     prepared, told = [], []
     real = batch.features_at
 
-    def features_at(grid, *, voxel_size, infer_free_space):
+    def features_at(grid, *, voxel_size, config):
         prepared.append(grid)
-        return real(grid, voxel_size=voxel_size, infer_free_space=infer_free_space)
+        return real(grid, voxel_size=voxel_size, config=config)
 
     monkeypatch.setattr(batch, "features_at", features_at)
     found = vx.register_batch([(a, b), (b, a), (a, a)], on_pair=lambda number, one: told.append(number))

@@ -88,9 +88,9 @@ def test_features_are_computed_once_a_map(monkeypatch, maps):
     FakeRegister(maps, WORLD).install(monkeypatch)
     prepared = []
 
-    def features_at(grid, *, voxel_size, infer_free_space):
+    def features_at(grid, *, voxel_size, config):
         prepared.append(voxel_size)
-        return fake_features(grid, voxel_size=voxel_size, infer_free_space=infer_free_space)
+        return fake_features(grid, voxel_size=voxel_size, config=config)
 
     monkeypatch.setattr(many, "features_at", features_at)
     merge(maps)

@@ -5,8 +5,9 @@ import pytest
 
 from small_worlds import FURNITURE, draw_map, pose
 from voxjax.maps.prepared import prepare_map
-from voxjax.registration.judging.conflict_pieces import MIN_AREA, piece_area, weigh_pieces
+from voxjax.registration.judging.conflict_pieces import piece_area, weigh_pieces
 from voxjax.registration.judging.leaders import Leaders, judge_poses
+from voxjax.registration.judging.settings import VerdictConfig
 
 T_MAP_WORLD = pose(yaw=33.0, tilt=12.0, translation=(3.0, -2.0, 1.0))
 
@@ -45,7 +46,7 @@ def test_a_moved_cupboard_is_a_piece_of_its_own_size(maps):
     area, _ = piece_area(a, b, np.eye(4, dtype=np.float32))
     # The cupboard is gone from one place and stands in another: each shows about 5 to 7 m^2 of sides and top, in voxels
     # of slanted steps and double layers up to twice that.
-    assert 2.0 * MIN_AREA < area < 28.0
+    assert 2.0 < area < 28.0
 
 
 def test_the_cleaner_of_two_rivals_comes_first(maps):
@@ -54,7 +55,7 @@ def test_the_cleaner_of_two_rivals_comes_first(maps):
     judged = judge_poses(a, b, poses, num_points=None)
     # As if the wrong pose had agreed a little better.
     judged = judged._replace(hits=np.asarray([0.9, 0.8]), conflicts=np.zeros(2))
-    ranked = weigh_pieces(a, b, Leaders(poses, judged, ("guess", "exhaustive")))
+    ranked = weigh_pieces(a, b, Leaders(poses, judged, ("guess", "exhaustive")), VerdictConfig())
     np.testing.assert_array_equal(ranked.poses[0], poses[1])
     assert ranked.sources == ("exhaustive", "guess")
     assert ranked.judgement.pieces[0] < ranked.judgement.pieces[1]

@@ -10,11 +10,13 @@ from voxjax.metrics import pose_error
 from voxjax.ops.evidence.nearest import split_keys
 from voxjax.ops.evidence.scoring import HIT
 from voxjax.registration.hypotheses.corners import corner_frames, frame_poses, subgraph_poses
+from voxjax.registration.hypotheses.distinct import distinct_poses
 from voxjax.registration.hypotheses.exhaustive import exhaustive_hypotheses, upright_frame
 from voxjax.registration.hypotheses.map_features import map_features
 from voxjax.registration.hypotheses.proposals import Proposals
-from voxjax.registration.hypotheses.ranking import distinct_poses, rank_poses
+from voxjax.registration.hypotheses.ranking import rank_poses
 from voxjax.registration.hypotheses.rotations import rotation_hypotheses
+from voxjax.registration.hypotheses.settings import EvidenceConfig
 from voxjax.registration.judging.leaders import find_leaders, judge_poses
 from voxjax.registration.judging.settings import LeaderConfig
 
@@ -43,7 +45,12 @@ def proposals(poses):
 def exhaustive(a, b, num_peaks=8):
     rotations, _ = rotation_hypotheses(a.normals, b.normals, a.directions, b.directions, is_signed=True)
     return exhaustive_hypotheses(
-        a.prepared, b.prepared, rotations, upright_frame(a.directions, a.shares), num_peaks=num_peaks
+        a.prepared,
+        b.prepared,
+        rotations,
+        upright_frame(a.directions, a.shares),
+        conflict_weight=3.0,
+        num_peaks=num_peaks,
     )
 
 
@@ -88,7 +95,7 @@ def test_frames_are_orthonormal_and_nearest():
 def test_leaders_begin_with_the_refined_truth(pair):
     a, b, truth = pair
     poses, _ = exhaustive(a, b)
-    leaders = find_leaders(a.prepared, b.prepared, proposals(poses), FEW)
+    leaders = find_leaders(a.prepared, b.prepared, proposals(poses), FEW, EvidenceConfig())
     error = pose_error(leaders.poses[0], truth, np.asarray(b.prepared.centroid))
     assert error.degrees < 0.5
     assert error.metres < 0.06
@@ -122,18 +129,18 @@ def test_another_building_gets_no_support():
     stranger = draw_map(T_MAP_WORLD, rooms=OTHER_ROOMS, furniture=OTHER_FURNITURE)
     b = map_features(stranger, max_virtual=64)
     poses, _ = exhaustive(a, b)
-    assert rank_poses(a.prepared, b.prepared, poses[:1])[0] < 0.5
-    leaders = find_leaders(a.prepared, b.prepared, proposals(poses), FEW)
+    assert rank_poses(a.prepared, b.prepared, poses[:1], num_points=512, conflict_weight=3.0)[0] < 0.5
+    leaders = find_leaders(a.prepared, b.prepared, proposals(poses), FEW, EvidenceConfig())
     assert leaders.judgement.score()[0] < 0.25
 
 
 def test_distinct_poses_keep_the_best_of_each_neighbourhood():
     poses = np.stack([pose(translation=(x, 0, 0)) for x in (0.0, 0.1, 1.0)] + [pose(yaw=20.0)])
     kept = distinct_poses(
-        poses, np.asarray([0.5, 0.9, 0.2, 0.1]), np.zeros(3), metres=0.3, degrees=5.0, max_count=10
+        poses, np.zeros(3), scores=np.asarray([0.5, 0.9, 0.2, 0.1]), metres=0.3, degrees=5.0, max_count=10
     )
     assert kept.tolist() == [1, 2, 3]
-    few = distinct_poses(poses, np.zeros(4), np.zeros(3), metres=0.3, degrees=5.0, max_count=2)
+    few = distinct_poses(poses, np.zeros(3), metres=0.3, degrees=5.0, max_count=2)
     assert few.tolist() == [0, 2]
 
 

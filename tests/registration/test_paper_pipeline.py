@@ -7,6 +7,7 @@ from oracles.motions import moved, pose_error, random_pose
 from oracles.rooms import VOXEL, furnished_room
 from voxjax.registration.paper import register as paper
 from voxjax.registration.paper.register import register_paper
+from voxjax.registration.paper.settings import PaperConfig
 
 BOX_CORNERS = np.array(
     [
@@ -66,7 +67,7 @@ def test_known_corners_give_the_true_pose(maps, known_corners):
 
 def test_a_spent_budget_is_reported(maps, known_corners):
     a, b, _ = maps
-    found = register_paper(a, b, max_nodes=30)
+    found = register_paper(a, b, PaperConfig(max_nodes=30))
     assert not found.stats["search_completed"]
     assert found.result in (vx.RESULTS.budget_exhausted, vx.RESULTS.too_few_associations)
 
@@ -103,6 +104,7 @@ def test_maps_without_corners_or_voxels_are_outcomes():
         np.testing.assert_array_equal(found.T_a_b, np.eye(4))
 
 
-def test_a_tolerance_of_zero_is_refused(maps):
-    with pytest.raises(vx.InputError, match="distance_tolerance"):
-        register_paper(*maps[:2], distance_tolerance=0.0)
+def test_the_rule_of_the_verdict_is_a_setting(maps):
+    found = register_paper(maps[0], maps[1], PaperConfig(min_matches=9999))
+    assert found.verdict == "no_overlap"
+    assert "9999" in found.reason

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from voxjax.registration.hypotheses.distinct import distinct_rows
 from voxjax.registration.hypotheses.rotations import (
-    distinct_rotations,
     dominant_directions,
     pair_rotations,
     rotation_hypotheses,
@@ -37,7 +37,7 @@ def test_directions_are_the_axes_of_the_surface():
 def test_two_axes_systems_match_in_24_rotations():
     R = Rotation.random(rng=np.random.default_rng(4)).as_matrix()
     rotations = pair_rotations(AXES, AXES @ R)
-    kept = distinct_rotations(rotations, np.zeros(len(rotations)), angle=4.0, max_count=100)
+    kept = distinct_rows(rotations, degrees=4.0)
     assert len(kept) == 24
     assert min(angle(r.T @ R) for r in rotations) < 1e-3
 
@@ -59,7 +59,7 @@ def test_signed_normals_single_out_the_rotation():
     assert len(rotations) == 24
     assert angle(rotations[0].T @ R) < 0.5
     assert (np.diff(agreement) <= 0).all()
-    upright, _ = rotation_hypotheses(*seen, *found, is_signed=True, gravity_aligned=True)
+    upright, _ = rotation_hypotheses(*seen, *found, is_signed=True, max_lean=8.0)
     assert all(r[2, 2] > np.cos(np.radians(12)) for r in upright)
 
 

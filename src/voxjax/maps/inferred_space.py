@@ -4,7 +4,7 @@ A cloud of points says where surfaces are, not where the sensor saw through. But
 place with surfaces near it in most directions lies inside the room that they bound, and is free as a rule. On generated
 buildings stripped of their free space 97 to 99 % of what is inferred had been seen to be free
 (`python -m bench inferred_space`). Places with open sides are left unknown. Half a scan gets too little to be of use
-(`map_features.MIN_INFERRED`), and the evidence degrades to hits alone.
+(`MapConfig.min_inferred`), and the evidence degrades to hits alone.
 """
 
 import numpy as np

@@ -45,9 +45,7 @@ def register_batch(
     def features_of(grid: VoxelGrid, voxel_size: float) -> MapFeatures:
         key = id(grid), voxel_size
         if key not in known:
-            known[key] = features_at(
-                grid, voxel_size=voxel_size, infer_free_space=settings.map.infer_free_space
-            )
+            known[key] = features_at(grid, voxel_size=voxel_size, config=settings)
         return known[key]
 
     results = []

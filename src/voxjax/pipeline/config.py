@@ -1,68 +1,78 @@
-"""Settings of the stages: one frozen group for each, all defaults in one place, readable from a TOML table."""
+"""All settings of `voxjax.register`: one frozen group for each stage, readable from a TOML table.
+
+A group stands beside the stage that it is for, with defaults, units, origins and ranges; lower layers know nothing of
+`Config`, and only this package turns settings into arguments of stages.
+"""
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 from .._checks import InputError
+from .._settings import Settings, check_setting, setting
+from ..maps.settings import MapConfig
+from ..registration.hypotheses.settings import (
+    DescriptorConfig,
+    EvidenceConfig,
+    ExhaustiveConfig,
+    FrameConfig,
+    RotationConfig,
+    SourceConfig,
+    SubgraphConfig,
+)
 from ..registration.judging.settings import LeaderConfig, VerdictConfig
+from ..registration.paper.settings import PaperConfig
+
+Group = TypeVar("Group", bound=Settings)
 
 
 @dataclasses.dataclass(frozen=True)
-class MapConfig:
-    """How a map is prepared.
+class PoseConfig(Settings, table="pose"):
+    """The last refinement of the best leader.
 
     Attributes:
-        voxel_size: Working voxel size [m]; 0 takes the coarser map's, and brings maps finer than 0.075 m to about
-            0.1 m: the evidence bounds are lengths that belong to the accuracy of maps, not numbers of voxels.
-        infer_free_space: Take what surfaces enclose for free in a map that records no free space
-            (`maps/inferred_space.py`). Fusion never uses it.
+        start_distance: Robust scale at which the refinement starts [voxel].
+        num_points: Voxels of each map that take part, drawn by leverage.
     """
 
-    voxel_size: float = 0.0
-    infer_free_space: bool = True
-
-
-@dataclasses.dataclass(frozen=True)
-class SourceConfig:
-    """Which hypotheses are proposed, and how many.
-
-    Attributes:
-        corners: Poses from single corner frames, observed and virtual.
-        subgraph: Poses from the maximum common subgraph of the corners (sections IV.B-C).
-        descriptors: Poses from cliques of matched local descriptors.
-        exhaustive: Every translation of the rotations that the normals allow.
-        distance_tolerance: D of equation (4) [voxel].
-        max_corners: Corners of each map that take part in the subgraph.
-        max_rotations: Rotations that are searched exhaustively.
-        num_peaks: Translations kept for each rotation.
-        max_descriptor_poses: Distinct cliques of descriptors.
-        thorough: Ask all sources, also where the exhaustive search alone decides.
-    """
-
-    corners: bool = True
-    subgraph: bool = True
-    descriptors: bool = True
-    exhaustive: bool = True
-    distance_tolerance: float = 2.0
-    max_corners: int = 64
-    max_rotations: int = 48
-    num_peaks: int = 24
-    max_descriptor_poses: int = 16
-    thorough: bool = False
+    start_distance: float = setting(2.0, above=0.0, high=1_000.0)
+    num_points: int = setting(4096, low=1, high=10_000_000)
 
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-    """All settings of `voxjax.register`."""
+    """All settings of `voxjax.register`.
+
+    Attributes:
+        map: How maps are prepared.
+        source: Which hypotheses are proposed, and how many.
+        rotation: How rotations are found from the normals of two maps.
+        exhaustive: How finely all translations are searched.
+        frame: How single pairs of corners propose poses.
+        subgraph: How the maximum common subgraph of the corners is searched.
+        descriptor: How matched local descriptors propose poses.
+        evidence: How much conflicts weigh beside hits.
+        leader: How many hypotheses survive each stage, and by how many points they are compared.
+        verdict: When a pose is accepted.
+        pose: The last refinement.
+        paper: The preset "paper", which uses no other group but the weight of conflicts in `evidence`.
+    """
 
     map: MapConfig = dataclasses.field(default_factory=MapConfig)
     source: SourceConfig = dataclasses.field(default_factory=SourceConfig)
+    rotation: RotationConfig = dataclasses.field(default_factory=RotationConfig)
+    exhaustive: ExhaustiveConfig = dataclasses.field(default_factory=ExhaustiveConfig)
+    frame: FrameConfig = dataclasses.field(default_factory=FrameConfig)
+    subgraph: SubgraphConfig = dataclasses.field(default_factory=SubgraphConfig)
+    descriptor: DescriptorConfig = dataclasses.field(default_factory=DescriptorConfig)
+    evidence: EvidenceConfig = dataclasses.field(default_factory=EvidenceConfig)
     leader: LeaderConfig = dataclasses.field(default_factory=LeaderConfig)
     verdict: VerdictConfig = dataclasses.field(default_factory=VerdictConfig)
+    pose: PoseConfig = dataclasses.field(default_factory=PoseConfig)
+    paper: PaperConfig = dataclasses.field(default_factory=PaperConfig)
 
 
-def config_from(settings: "Config | Mapping[str, Any] | None") -> Config:
+def config_from(settings: Config | Mapping[str, Any] | None) -> Config:
     """The settings as a `Config`.
 
     Args:
@@ -70,36 +80,27 @@ def config_from(settings: "Config | Mapping[str, Any] | None") -> Config:
             (what a TOML file gives).
 
     Raises:
-        InputError: If a table or key does not exist, or a value has the wrong type.
+        InputError: If a table or key does not exist, or a value has the wrong type or lies outside its range.
     """
     if settings is None:
         return Config()
     if isinstance(settings, Config):
         return settings
-    groups = {field.name: field for field in dataclasses.fields(Config)}
+    groups = {field.name: type(getattr(Config(), field.name)) for field in dataclasses.fields(Config)}
     changed = {}
     for name, table in settings.items():
         if name not in groups:
             raise InputError(f"config has no table {name!r}; it has {', '.join(groups)}.")
         if not isinstance(table, Mapping):
             raise InputError(f"config table {name!r} must hold keys and values, got {table!r}.")
-        changed[name] = _changed(name, getattr(Config(), name), table)
+        changed[name] = _group_from(groups[name], table)
     return Config(**changed)
 
 
-def _changed(name: str, group: Any, table: Mapping[str, Any]) -> Any:
-    known = {field.name: getattr(group, field.name) for field in dataclasses.fields(group)}
-    values = {}
-    for key, value in table.items():
+def _group_from(kind: type[Group], table: Mapping[str, Any]) -> Group:
+    """A group with the values of a table, and defaults for the others."""
+    known = {field.name: field for field in dataclasses.fields(kind)}
+    for key in table:
         if key not in known:
-            raise InputError(f"config table {name!r} has no key {key!r}; it has {', '.join(known)}.")
-        expected = type(known[key])
-        is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if not (isinstance(value, expected) and isinstance(value, bool) == (expected is bool)) and not (
-            expected is float and is_number
-        ):
-            raise InputError(f"config {name}.{key} must be of type {expected.__name__}, got {value!r}.")
-        if is_number and value < 0:
-            raise InputError(f"config {name}.{key} must not be negative, got {value!r}.")
-        values[key] = expected(value)
-    return dataclasses.replace(group, **values)
+            raise InputError(f"config table {kind.table!r} has no key {key!r}; it has {', '.join(known)}.")
+    return kind(**{key: check_setting(kind.table, known[key], value) for key, value in table.items()})

@@ -8,40 +8,45 @@ from ..grid import VoxelGrid
 from ..registration.hypotheses.map_features import MapFeatures, map_features
 from .config import Config
 
-FINE_VOXEL = 0.075
-"""Maps finer than this [m] are brought to about 0.1 m: the trials behind the evidence ran there."""
-
 
 def working_voxel_size(grids: Sequence[VoxelGrid], settings: Config) -> float:
-    """Voxel size [m] at which maps are compared: the coarsest map's, after fine ones are brought to about 0.1 m."""
+    """Voxel size [m] at which maps are compared: the coarsest map's, after fine ones were made coarser.
+
+    Args:
+        grids: All maps that are compared with each other.
+        settings: A voxel size, or how fine is too fine (`MapConfig`).
+    """
     if settings.map.voxel_size > 0:
         return settings.map.voxel_size
-    sizes = [
-        g.voxel_size * (max(round(0.1 / g.voxel_size), 1) if g.voxel_size < FINE_VOXEL else 1) for g in grids
-    ]
-    return max(sizes)
+    return max(_coarsened(grid.voxel_size, settings) for grid in grids)
 
 
-def features_at(
-    grid: VoxelGrid, *, voxel_size: float, max_virtual: int = 256, infer_free_space: bool = True
-) -> MapFeatures:
+def _coarsened(voxel_size: float, settings: Config) -> float:
+    """Multiple of a voxel size that is about the usual one, where it is fine."""
+    if voxel_size >= settings.map.fine_voxel_size:
+        return voxel_size
+    return voxel_size * max(round(settings.map.usual_voxel_size / voxel_size), 1)
+
+
+def features_at(grid: VoxelGrid, *, voxel_size: float, config: Config | None = None) -> MapFeatures:
     """Features of one map for all its pairs.
 
     Args:
         grid: With at least one occupied voxel.
         voxel_size: Working voxel size [m] of all maps that it is compared with.
-        max_virtual: Largest number of virtual corners.
-        infer_free_space: Take what surfaces enclose for free where the map records no free space.
+        config: Settings of the stages; None for the defaults.
 
     Raises:
         InputError: If nothing is occupied.
     """
     if grid.num_occupied == 0:
         raise InputError("grid must have at least one occupied voxel, got none; leave the map out.")
+    settings = Config() if config is None else config
     release_kernels_if_crowded()
     same = abs(grid.voxel_size - voxel_size) < 1e-6 * voxel_size
     return map_features(
         grid if same else grid.with_voxel_size(voxel_size),
-        max_virtual=max_virtual,
-        infer_free_space=infer_free_space,
+        max_virtual=settings.source.max_virtual_corners,
+        settings=settings.map,
+        rotation=settings.rotation,
     )

@@ -13,14 +13,14 @@ from ..registration.hypotheses.proposals import (
     propose_guess,
     propose_subgraphs,
 )
-from .config import SourceConfig
+from .config import Config
 from .stages import Stages
 
 
 def first_hypotheses(
     a: MapFeatures,
     b: MapFeatures,
-    source: SourceConfig,
+    settings: Config,
     *,
     guess: np.ndarray | None,
     pose_range: PoseRange,
@@ -34,52 +34,60 @@ def first_hypotheses(
     Args:
         a: First map.
         b: Second map.
-        source: Which sources are asked, and how many poses each may give.
+        settings: Which sources are asked, and how.
         guess: One more pose (4, 4) to try.
         pose_range: Which poses can be.
         stages: Keeps the seconds of each source.
     """
     stages.announce("hypotheses")
     found = [] if guess is None else [propose_guess(guess)]
-    if source.exhaustive:
+    if settings.source.exhaustive:
         with stages.measure("exhaustive search"):
             found.append(
                 propose_exhaustively(
                     a,
                     b,
-                    gravity_aligned=pose_range.gravity_aligned,
-                    max_rotations=source.max_rotations,
-                    num_peaks=source.num_peaks,
+                    settings.source,
+                    max_lean=pose_range.max_lean,
+                    conflict_weight=settings.evidence.coarse_conflict_weight,
+                    rotation=settings.rotation,
+                    exhaustive=settings.exhaustive,
                 )
             )
     return admit(found, pose_range)
 
 
 def other_hypotheses(
-    a: MapFeatures, b: MapFeatures, source: SourceConfig, *, pose_range: PoseRange, stages: Stages
+    a: MapFeatures, b: MapFeatures, settings: Config, *, pose_range: PoseRange, stages: Stages
 ) -> Proposals:
     """Corner frames, common subgraphs of the corners and cliques of descriptors.
 
     Args:
         a: First map.
         b: Second map.
-        source: Which sources are asked, and how many poses each may give.
+        settings: Which sources are asked, and how.
         pose_range: Which poses can be.
         stages: Keeps the seconds of each source.
     """
     stages.announce("hypotheses")
-    found = []
+    found, source = [], settings.source
     if source.corners:
         with stages.measure("corner frames"):
-            found.append(propose_corner_frames(a, b, pose_range))
-    if source.subgraph:
-        with stages.measure("common subgraph"):
             found.append(
-                propose_subgraphs(
-                    a, b, distance_tolerance=source.distance_tolerance, max_corners=source.max_corners
+                propose_corner_frames(
+                    a,
+                    b,
+                    settings.frame,
+                    pose_range=pose_range,
+                    conflict_weight=settings.evidence.coarse_conflict_weight,
                 )
             )
+    if source.subgraph:
+        with stages.measure("common subgraph"):
+            found.append(propose_subgraphs(a, b, source, settings.subgraph))
     if source.descriptors:
         with stages.measure("descriptors"):
-            found.append(propose_from_descriptors(a, b, max_poses=source.max_descriptor_poses))
+            found.append(
+                propose_from_descriptors(a, b, settings.descriptor, max_poses=source.max_descriptor_poses)
+            )
     return admit(found, pose_range)

@@ -117,7 +117,7 @@ def _features_of_all(grids: Sequence[VoxelGrid], settings: Config, stages: Stage
     check_register_memory([grids[n] for n in filled], voxel_size)
     stages.announce(f"features of {len(filled)} maps")
     found = spread(
-        partial(features_at, voxel_size=voxel_size, infer_free_space=settings.map.infer_free_space),
+        partial(features_at, voxel_size=voxel_size, config=settings),
         [grids[n] for n in filled],
     )
     for number, one in zip(filled, found, strict=True):

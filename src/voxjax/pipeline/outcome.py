@@ -8,6 +8,7 @@ from .._results import RESULTS
 from ..refinement.outcome import Refinement
 from ..registration.judging.conflict_pieces import net_scores
 from ..registration.judging.leaders import Judgement, Leaders
+from ..registration.judging.settings import VerdictConfig
 from ..registration.judging.verdict import Finding, support
 from ..registration.types import Evidence, Hypothesis, Registration
 
@@ -34,7 +35,13 @@ def nothing_found(reason: str, result: RESULTS, stats: dict[str, Any] | None = N
 
 
 def registration_of(
-    pose: Refinement, leaders: Leaders, finding: Finding, num_voxels: int, stats: dict[str, Any]
+    pose: Refinement,
+    leaders: Leaders,
+    finding: Finding,
+    settings: VerdictConfig,
+    *,
+    num_voxels: int,
+    stats: dict[str, Any],
 ) -> Registration:
     """Outcome with a pose, accepted or not.
 
@@ -42,11 +49,12 @@ def registration_of(
         pose: The best leader after the last refinement.
         leaders: Distinct poses, best first.
         finding: The verdict.
+        settings: Which poses are rivals.
         num_voxels: Number of occupied voxels of both maps.
         stats: Counts and seconds for the report.
     """
     T_a_b = np.asarray(pose.T_a_b)
-    scores = net_scores(leaders.judgement)
+    scores = net_scores(leaders.judgement, settings.min_rival_share)
     hypotheses = tuple(
         Hypothesis(
             T_a_b if i == 0 else leaders.poses[i],

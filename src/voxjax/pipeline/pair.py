@@ -26,15 +26,6 @@ from .memory_need import check_register_memory
 from .outcome import nothing_found, registration_of
 from .stages import Stages
 
-MAX_NONE = 0.1
-"""Other sources are asked only if no leader is right with at least this probability."""
-
-LAST_REACH = 2.0
-"""Robust scale at which the last refinement starts [voxel]."""
-
-LAST_POINTS = 4096
-"""Voxels of each map in the last refinement."""
-
 
 def register(
     a: VoxelGrid,
@@ -81,11 +72,11 @@ def register(
             return nothing_found(f"Map {name} has no occupied voxel.", RESULTS.empty_map)
     if preset == "paper":
         stages.announce("the paper's pipeline")
-        return register_paper(a, b)
+        return register_paper(a, b, settings.paper, conflict_weight=settings.evidence.conflict_weight)
     size = working_voxel_size([a, b], settings)
     check_register_memory([a, b], size)
     with stages.stage("features"):
-        features = partial(features_at, voxel_size=size, infer_free_space=settings.map.infer_free_space)
+        features = partial(features_at, voxel_size=size, config=settings)
         features_a, features_b = spread(features, (a, b))
     return register_features(
         features_a,
@@ -128,33 +119,35 @@ def register_features(
     settings, stages = config_from(config), Stages(on_stage, seconds)
     _check_voxel_sizes(a, b)
     guess = None if init_guess is None else check_pose("init_guess", init_guess)
-    pose_range = _pose_range(b, gravity_aligned, guess, guess_uncertainty)
+    pose_range = _pose_range(
+        b, settings.source.max_lean if gravity_aligned else None, guess, guess_uncertainty
+    )
     free_space = worse_free_space(a, b)
     has_free_space = a.prepared.has_free_space and b.prepared.has_free_space
     known = {"has_free_space": has_free_space, "is_inferred": free_space == "inferred"}
     release_kernels_if_crowded()
 
     # 1. Hypotheses that need no corners: a guess, and all translations of the rotations that the normals allow.
-    proposed = first_hypotheses(a, b, settings.source, guess=guess, pose_range=pose_range, stages=stages)
+    proposed = first_hypotheses(a, b, settings, guess=guess, pose_range=pose_range, stages=stages)
     counts = {"num_rounds": 1, "num_hypotheses": proposed.num_found, **proposed.counts}
 
     # 2. Leaders: distinct poses, refined and judged by all voxels; rivals net of conflicts that hang together.
     with stages.stage("leaders"):
-        leaders = find_leaders(a.prepared, b.prepared, proposed, settings.leader)
-        leaders = weigh_pieces(a.prepared, b.prepared, leaders)
+        leaders = find_leaders(a.prepared, b.prepared, proposed, settings.leader, settings.evidence)
+        leaders = weigh_pieces(a.prepared, b.prepared, leaders, settings.verdict)
 
     # 3. The verdict: is one of the leaders right, and which?
     finding = decide(leaders.judgement, settings.verdict, **known)
 
     # 4. A second round with the other sources, unless a leader is probably right: more poses do not tell which.
-    is_settled = finding.verdict == "accepted" or finding.none < MAX_NONE
+    is_settled = finding.verdict == "accepted" or finding.none < settings.verdict.max_none
     if settings.source.thorough or not is_settled:
-        more = other_hypotheses(a, b, settings.source, pose_range=pose_range, stages=stages)
+        more = other_hypotheses(a, b, settings, pose_range=pose_range, stages=stages)
         counts |= {"num_rounds": 2, "num_hypotheses": proposed.num_found + more.num_found, **more.counts}
         with stages.stage("leaders"):
-            found = find_leaders(a.prepared, b.prepared, more, settings.leader)
+            found = find_leaders(a.prepared, b.prepared, more, settings.leader, settings.evidence)
             leaders = merge_leaders(a.prepared, b.prepared, leaders, found, settings.leader)
-            leaders = weigh_pieces(a.prepared, b.prepared, leaders)
+            leaders = weigh_pieces(a.prepared, b.prepared, leaders, settings.verdict)
         finding = decide(leaders.judgement, settings.verdict, **known)
     if len(leaders.poses) == 0:
         return nothing_found(finding.reason, RESULTS.too_few_corners, counts | {"seconds": stages.seconds})
@@ -165,13 +158,20 @@ def register_features(
             a.prepared,
             b.prepared,
             leaders.poses[0],
-            max_distance=LAST_REACH * a.prepared.grid.voxel_size,
-            num_points=LAST_POINTS,
+            max_distance=settings.pose.start_distance * a.prepared.grid.voxel_size,
+            num_points=settings.pose.num_points,
             both_ways=True,
         )
     counts |= {"has_free_space": has_free_space, "free_space": free_space}
     num_voxels = a.prepared.num_points + b.prepared.num_points
-    return registration_of(pose, leaders, finding, num_voxels, counts | {"seconds": stages.seconds})
+    return registration_of(
+        pose,
+        leaders,
+        finding,
+        settings.verdict,
+        num_voxels=num_voxels,
+        stats=counts | {"seconds": stages.seconds},
+    )
 
 
 def _check_voxel_sizes(a: MapFeatures, b: MapFeatures) -> None:
@@ -186,7 +186,7 @@ def _check_voxel_sizes(a: MapFeatures, b: MapFeatures) -> None:
 
 def _pose_range(
     b: MapFeatures,
-    gravity_aligned: bool,
+    max_lean: float | None,
     guess: np.ndarray | None,
     uncertainty: tuple[float, float] | None,
 ) -> PoseRange:
@@ -197,9 +197,9 @@ def _pose_range(
     """
     centroid = np.asarray(b.prepared.centroid)
     if uncertainty is None:
-        return PoseRange(centroid, gravity_aligned)
+        return PoseRange(centroid, max_lean)
     if guess is None:
         raise InputError("guess_uncertainty needs an init_guess that it is about; give both or neither.")
     for name, value in zip(("metres", "radians"), uncertainty, strict=True):
         check_positive(f"guess_uncertainty ({name})", value, name)
-    return PoseRange(centroid, gravity_aligned, guess, *uncertainty)
+    return PoseRange(centroid, max_lean, guess, *uncertainty)

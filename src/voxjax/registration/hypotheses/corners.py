@@ -9,9 +9,7 @@ from ... import rigid
 from ...features.types import KIND_UNKNOWN, Corners
 from ...matching.common_subgraph import maximum_common_subgraph
 from .closed_form import align_points
-
-MAX_FRAMES = 120_000
-"""Corner pairs are taken by weight up to so many poses."""
+from .settings import FrameConfig, SourceConfig, SubgraphConfig
 
 
 class CornerPoses(NamedTuple):
@@ -32,7 +30,11 @@ def corner_frames(normals: np.ndarray) -> np.ndarray:
 
 
 def frame_poses(
-    a: Corners, b: Corners, *, angle_tolerance: float = 5.0, max_poses: int = MAX_FRAMES
+    a: Corners,
+    b: Corners,
+    *,
+    angle_tolerance: float = FrameConfig.angle_tolerance,
+    max_poses: int = FrameConfig.max_pairs,
 ) -> CornerPoses:
     """One pose for each pair of corners and each cyclic order of their normals.
 
@@ -98,10 +100,10 @@ def subgraph_poses(
     b: Corners,
     *,
     distance_tolerance: float,
-    angle_tolerance: float = 8.0,
-    max_corners: int = 64,
-    max_ties: int = 16,
-    max_nodes: int = 20_000,
+    max_corners: int = SourceConfig.max_corners,
+    angle_tolerance: float = SubgraphConfig.angle_tolerance,
+    max_ties: int = SubgraphConfig.max_ties,
+    max_nodes: int = SubgraphConfig.max_nodes,
 ) -> SubgraphPoses:
     """Poses of the largest sets of corners whose distances and frames all agree (sections IV.B-C).
 
@@ -109,8 +111,8 @@ def subgraph_poses(
         a: Corners of a.
         b: Corners of b.
         distance_tolerance: D of equation (4) [m].
-        angle_tolerance: Largest disagreement of the rotations that two associations imply [deg].
         max_corners: The strongest so many of each map take part.
+        angle_tolerance: Largest disagreement of the rotations that two associations imply [deg].
         max_ties: Largest sets considered.
         max_nodes: Budget of the search.
     """

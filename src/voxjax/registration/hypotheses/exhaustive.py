@@ -9,14 +9,7 @@ from scipy.spatial import ConvexHull
 
 from ...maps.prepared import PreparedMap
 from ...ops.evidence.translations import CoarseMap, Placement, search_translations
-from .ranking import COARSE_CONFLICT_WEIGHT
-
-MAX_FACTOR = 6
-"""Coarse cells are at most so many voxels wide: the finest from `PreparedMap.coarse_factor` on that keeps the blocks
-below `MAX_CELLS`."""
-
-MAX_CELLS = 1_000_000
-"""Three transforms of such a block take about 50 ms on one core."""
+from .settings import ExhaustiveConfig, SourceConfig
 
 
 def upright_frame(directions: np.ndarray, shares: np.ndarray) -> np.ndarray:
@@ -61,7 +54,9 @@ def exhaustive_hypotheses(
     rotations: Float[np.ndarray, "k 3 3"],
     frame: Float[np.ndarray, "3 3"],
     *,
-    num_peaks: int = 24,
+    conflict_weight: float,
+    num_peaks: int = SourceConfig.num_peaks,
+    settings: ExhaustiveConfig | None = None,
 ) -> tuple[Float[np.ndarray, "m 4 4"], np.ndarray]:
     """Best translations for each rotation of b into a.
 
@@ -70,25 +65,27 @@ def exhaustive_hypotheses(
         b: Second map.
         rotations: Candidates, b into a.
         frame: Rotation of a into the frame of the coarse block (`upright_frame`).
+        conflict_weight: How many hits a conflict outweighs.
         num_peaks: Translations kept for each rotation.
+        settings: How fine the cells are, None for the defaults: the finest from `PreparedMap.coarse_factor` on that
+            keep the blocks small enough.
 
     Returns:
         Poses `T_a_b` float32 (k * num_peaks, 4, 4) and their coarse scores, best first.
     """
+    chosen = ExhaustiveConfig() if settings is None else settings
     points_a, points_b = _outermost(a), _outermost(b)
     radius = 0.5 * float(np.linalg.norm(np.ptp(points_b, axis=0)))
     factor, placements = a.coarse_factor, []
-    for factor in range(a.coarse_factor, MAX_FACTOR + 1):
+    for factor in range(a.coarse_factor, max(a.coarse_factor, chosen.max_factor) + 1):
         cell = factor * a.grid.voxel_size
         # Half a cell at the far end of b is lost in the cells.
         turned = _quarter_turns_apart(frame @ rotations.astype(np.float64), 0.5 * cell / max(radius, cell))
         placements = _place(points_a, points_b, turned, frame, cell)
-        if all(np.prod(place.box_a + place.box_b) <= MAX_CELLS for place in placements):
+        if all(np.prod(place.box_a + place.box_b) <= chosen.max_cells for place in placements):
             break
     maps = [_coarse_map(prepared, factor) for prepared in (a, b)]
-    found = search_translations(
-        *maps, placements, num_peaks=num_peaks, conflict_weight=COARSE_CONFLICT_WEIGHT
-    )
+    found = search_translations(*maps, placements, num_peaks=num_peaks, conflict_weight=conflict_weight)
     poses, scores = [], []
     for place, (top, shift) in zip(placements, found, strict=True):
         # A cell x of b lies at low_b + x * cell, and meets cell x + shift of a at low_a + (x + shift) * cell.

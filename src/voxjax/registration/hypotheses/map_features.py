@@ -9,18 +9,13 @@ from jaxtyping import Float, Float32
 from ...features.corners import corners_of_planes
 from ...features.types import Corners
 from ...grid import VoxelGrid
-from ...maps.inferred_space import infer_free_space as infer_space
+from ...maps.inferred_space import infer_free_space
 from ...maps.prepared import PreparedMap, prepare_map
+from ...maps.settings import MapConfig
 from ...matching.descriptors import MapDescriptors, describe_map
 from ...planes.extract import extract_planes
 from .rotations import dominant_directions, sample_normals
-
-MIN_INFERRED = 0.75
-"""Inferred free space is used where it lies before at least this share of the surfaces; in half a scan it would be on
-the wrong side of too many."""
-
-DIRECTION_PLANARITY = 0.5
-"""Voxels at least so planar vote for directions."""
+from .settings import RotationConfig, SourceConfig
 
 
 class LateFeatures:
@@ -70,25 +65,40 @@ class MapFeatures:
         return self.late.corners
 
 
-def map_features(grid: VoxelGrid, *, max_virtual: int, infer_free_space: bool = True) -> MapFeatures:
+def map_features(
+    grid: VoxelGrid,
+    *,
+    max_virtual: int = SourceConfig.max_virtual_corners,
+    settings: MapConfig | None = None,
+    rotation: RotationConfig | None = None,
+) -> MapFeatures:
     """Features of a map that has occupied voxels.
 
     Args:
         grid: At the working voxel size.
         max_virtual: Largest number of virtual corners.
-        infer_free_space: Take what surfaces enclose for free where the map records no free space.
+        settings: What of the map is inferred; None for the defaults.
+        rotation: How many normals and directions are taken; None for the defaults.
     """
-    prepared, free_space = _prepare(grid, infer_free_space=infer_free_space)
+    chosen = RotationConfig() if rotation is None else rotation
+    prepared, free_space = _prepare(grid, MapConfig() if settings is None else settings)
     count = prepared.num_points
     normals, planarity = np.asarray(prepared.normals)[:count], np.asarray(prepared.planarity)[:count]
     leverage = planarity.astype(np.float64) * np.asarray(prepared.weights)[:count]
-    is_planar = planarity > DIRECTION_PLANARITY
-    directions, shares = dominant_directions(normals[is_planar], planarity[is_planar])
+    is_planar = planarity > chosen.min_planarity
+    directions, shares = dominant_directions(
+        normals[is_planar],
+        planarity[is_planar],
+        max_voters=chosen.max_voters,
+        max_directions=chosen.max_directions,
+        min_share=chosen.min_share,
+    )
+    drawn = leverage if leverage.sum() > 0 else np.ones(count)
     return MapFeatures(
         prepared=prepared,
         directions=directions,
         shares=shares,
-        normals=sample_normals(normals, leverage if leverage.sum() > 0 else np.ones(count)),
+        normals=sample_normals(normals, drawn, count=chosen.num_normals),
         late=LateFeatures(prepared.grid, max_virtual),
         free_space=free_space,
     )
@@ -99,12 +109,12 @@ def worse_free_space(a: MapFeatures, b: MapFeatures) -> str:
     return min(a.free_space, b.free_space, key=("unknown", "inferred", "observed").index)
 
 
-def _prepare(grid: VoxelGrid, *, infer_free_space: bool) -> tuple[PreparedMap, str]:
+def _prepare(grid: VoxelGrid, settings: MapConfig) -> tuple[PreparedMap, str]:
     """The prepared map, and where its free space is from."""
     if grid.num_free:
         return prepare_map(grid), "observed"
-    if infer_free_space:
-        prepared = prepare_map(infer_space(grid))
-        if prepared.free_share >= MIN_INFERRED:
+    if settings.infer_free_space:
+        prepared = prepare_map(infer_free_space(grid))
+        if prepared.free_share >= settings.min_inferred:
             return prepared, "inferred"
     return prepare_map(grid), "unknown"

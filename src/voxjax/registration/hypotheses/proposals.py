@@ -12,16 +12,19 @@ from jaxtyping import Bool, Float
 from ..._runtime.threads import spread
 from .corners import frame_poses, subgraph_poses
 from .descriptors import descriptor_hypotheses
+from .distinct import distinct_poses
 from .exhaustive import exhaustive_hypotheses, upright_frame
 from .map_features import MapFeatures
-from .ranking import distinct_poses, rank_poses
+from .ranking import rank_poses
 from .rotations import rotation_hypotheses
-
-MAX_FRAME_POSES = 256
-"""Corner frames that go on to the common ranking, after their own."""
-
-UPRIGHT_COSINE = np.cos(np.radians(8.0))
-"""Maps that are gravity aligned may still lean by so much against each other."""
+from .settings import (
+    DescriptorConfig,
+    ExhaustiveConfig,
+    FrameConfig,
+    RotationConfig,
+    SourceConfig,
+    SubgraphConfig,
+)
 
 
 class Proposals(NamedTuple):
@@ -45,14 +48,14 @@ class PoseRange(NamedTuple):
 
     Attributes:
         centroid: Centroid of map b [m], float32 (3,).
-        gravity_aligned: Whether only poses that keep the vertical count.
+        max_lean: Largest angle by which a pose may tilt the vertical [deg]; None where it may tilt it at will.
         guess: A pose (4, 4) that the others must be near to; None where any pose may be.
         metres: Largest distance between where a pose and the guess put the centroid [m].
         radians: Largest angle between a pose and the guess [rad].
     """
 
     centroid: Float[np.ndarray, "3"]
-    gravity_aligned: bool = False
+    max_lean: float | None = None
     guess: Float[np.ndarray, "4 4"] | None = None
     metres: float = np.inf
     radians: float = np.inf
@@ -60,8 +63,8 @@ class PoseRange(NamedTuple):
     def admits(self, poses: Float[np.ndarray, "k 4 4"]) -> Bool[np.ndarray, "k"]:
         """Whether each pose is upright, where it must be, and near the guess."""
         is_admitted = np.ones(len(poses), bool)
-        if self.gravity_aligned:
-            is_admitted &= poses[:, 2, 2] > UPRIGHT_COSINE
+        if self.max_lean is not None:
+            is_admitted &= poses[:, 2, 2] > np.cos(np.radians(self.max_lean))
         if self.guess is not None:
             change = poses - self.guess[None]
             offset = change[:, :3, :3] @ self.centroid + change[:, :3, 3]
@@ -94,51 +97,82 @@ def propose_guess(T_a_b: Float[np.ndarray, "4 4"]) -> Proposals:
 
 
 def propose_exhaustively(
-    a: MapFeatures, b: MapFeatures, *, gravity_aligned: bool, max_rotations: int, num_peaks: int
+    a: MapFeatures,
+    b: MapFeatures,
+    source: SourceConfig,
+    *,
+    max_lean: float | None,
+    conflict_weight: float,
+    rotation: RotationConfig,
+    exhaustive: ExhaustiveConfig,
 ) -> Proposals:
     """The best translations of all rotations that the normals of both maps allow.
 
     Args:
         a: First map.
         b: Second map.
-        gravity_aligned: Whether only rotations about the vertical count.
-        max_rotations: Largest number of rotations.
-        num_peaks: Translations kept for each rotation.
+        source: How many rotations, and how many translations of each.
+        max_lean: Largest angle by which a rotation may tilt the vertical [deg]; None where it may tilt it at will.
+        conflict_weight: How many hits a conflict outweighs.
+        rotation: How rotations are found.
+        exhaustive: How fine the translations are searched.
     """
     rotations, _ = rotation_hypotheses(
         a.normals,
         b.normals,
         a.directions,
         b.directions,
-        max_rotations=max_rotations,
         is_signed=a.prepared.has_free_space and b.prepared.has_free_space,
-        gravity_aligned=gravity_aligned,
+        max_lean=max_lean,
+        max_rotations=source.max_rotations,
+        settings=rotation,
     )
-    frame = upright_frame(a.directions, a.shares)
-    poses, _ = exhaustive_hypotheses(a.prepared, b.prepared, rotations, frame, num_peaks=num_peaks)
+    poses, _ = exhaustive_hypotheses(
+        a.prepared,
+        b.prepared,
+        rotations,
+        upright_frame(a.directions, a.shares),
+        conflict_weight=conflict_weight,
+        num_peaks=source.num_peaks,
+        settings=exhaustive,
+    )
     return Proposals(poses, ("exhaustive",) * len(poses), len(poses), {"num_rotations": len(rotations)})
 
 
-def propose_corner_frames(a: MapFeatures, b: MapFeatures, pose_range: PoseRange) -> Proposals:
-    """The best poses of single corner pairs, among those that can be."""
+def propose_corner_frames(
+    a: MapFeatures, b: MapFeatures, frame: FrameConfig, *, pose_range: PoseRange, conflict_weight: float
+) -> Proposals:
+    """The best poses of single corner pairs, among those that can be.
+
+    Args:
+        a: First map.
+        b: Second map.
+        frame: Which pairs make a pose, and how many poses are kept.
+        pose_range: Which poses can be.
+        conflict_weight: How many hits a conflict outweighs.
+    """
     corners_a, corners_b = spread(lambda features: features.corners, (a, b))
     counts = {"num_corners_a": corners_a.num_listed, "num_corners_b": corners_b.num_listed}
-    found = frame_poses(corners_a, corners_b)
+    found = frame_poses(
+        corners_a, corners_b, angle_tolerance=frame.angle_tolerance, max_poses=frame.max_pairs
+    )
     is_admitted = pose_range.admits(found.poses)
     poses, is_observed = found.poses[is_admitted], found.is_observed[is_admitted]
     if len(poses) == 0:
         return Proposals(poses, (), 0, counts)
-    scores = rank_poses(a.prepared, b.prepared, poses, num_points=128)
+    scores = rank_poses(
+        a.prepared, b.prepared, poses, num_points=frame.num_points, conflict_weight=conflict_weight
+    )
     # Telling poses apart takes time by the square of their number, so that only the better ones come to it.
-    kept = np.argsort(-scores, kind="stable")[: 16 * MAX_FRAME_POSES]
+    kept = np.argsort(-scores, kind="stable")[: 16 * frame.max_poses]
     chosen = kept[
         distinct_poses(
             poses[kept],
-            scores[kept],
             np.asarray(b.prepared.centroid, np.float64),
-            metres=2.0 * a.prepared.grid.voxel_size,
-            degrees=1.5,
-            max_count=MAX_FRAME_POSES,
+            scores=scores[kept],
+            metres=frame.distinct_voxels * a.prepared.grid.voxel_size,
+            degrees=frame.distinct_degrees,
+            max_count=frame.max_poses,
         )
     ]
     names = tuple("corner" if is_observed[row] else "virtual corner" for row in chosen)
@@ -146,21 +180,24 @@ def propose_corner_frames(a: MapFeatures, b: MapFeatures, pose_range: PoseRange)
 
 
 def propose_subgraphs(
-    a: MapFeatures, b: MapFeatures, *, distance_tolerance: float, max_corners: int
+    a: MapFeatures, b: MapFeatures, source: SourceConfig, subgraph: SubgraphConfig
 ) -> Proposals:
     """The poses of the maximum common subgraphs of the corners.
 
     Args:
         a: First map.
         b: Second map.
-        distance_tolerance: D of equation (4) [voxel].
-        max_corners: Corners of each map that take part.
+        source: Tolerance of the distances, and corners that take part.
+        subgraph: How the subgraph is searched.
     """
     found = subgraph_poses(
         a.corners,
         b.corners,
-        max_corners=max_corners,
-        distance_tolerance=distance_tolerance * a.prepared.grid.voxel_size,
+        distance_tolerance=source.distance_tolerance * a.prepared.grid.voxel_size,
+        max_corners=source.max_corners,
+        angle_tolerance=subgraph.angle_tolerance,
+        max_ties=subgraph.max_ties,
+        max_nodes=subgraph.max_nodes,
     )
     counts = {
         "num_associations": found.num_associations,
@@ -170,10 +207,21 @@ def propose_subgraphs(
     return Proposals(found.poses, ("subgraph",) * len(found.poses), len(found.poses), counts)
 
 
-def propose_from_descriptors(a: MapFeatures, b: MapFeatures, *, max_poses: int) -> Proposals:
-    """The poses of the largest cliques of matched local descriptors, at most `max_poses`."""
+def propose_from_descriptors(
+    a: MapFeatures, b: MapFeatures, descriptor: DescriptorConfig, *, max_poses: int
+) -> Proposals:
+    """The poses of the largest cliques of matched local descriptors.
+
+    Args:
+        a: First map.
+        b: Second map.
+        descriptor: How descriptors are matched and cliques grown.
+        max_poses: Largest number of poses.
+    """
     use_free_space = a.prepared.has_free_space and b.prepared.has_free_space
     described_a, described_b = spread(lambda f: f.late.descriptors(use_free_space=use_free_space), (a, b))
-    poses, sizes = descriptor_hypotheses(described_a, described_b, max_hypotheses=max_poses)
+    poses, sizes = descriptor_hypotheses(
+        described_a, described_b, max_hypotheses=max_poses, settings=descriptor
+    )
     counts = {"descriptor_clique_size": int(sizes[0]) if len(sizes) else 0}
     return Proposals(poses, ("descriptor",) * len(poses), len(poses), counts)

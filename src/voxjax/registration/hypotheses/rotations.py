@@ -14,38 +14,31 @@ from jaxtyping import Bool, Float, Float32, Int32
 from ..._runtime.pieces import over_pieces
 from ..._runtime.programs import kept_program
 from ..._types import Array
-
-NUM_SAMPLES = 512
-"""Normals of each map that a rotation is judged by."""
-
-MAX_VOTERS = 5_000
-"""Normals that vote for directions at most."""
-
-ROUGH_STRIDE = 4
-"""One in so many of the normals sharpens the seeds, of which most lead to the same few rotations; all normals then
-sharpen those few and rank them."""
-
-_GROUP = 32
-"""Rotations that a core sharpens at a time."""
-
-KERNEL = 60.0
-"""Concentration of the kernel exp(k (cos - 1)) between normals: about 7.4 degrees."""
+from .distinct import distinct_rows
+from .settings import RotationConfig, SourceConfig
 
 
 def dominant_directions(
-    normals: Float[np.ndarray, "n 3"], weights: Float[np.ndarray, "n"], *, max_directions: int = 8
+    normals: Float[np.ndarray, "n 3"],
+    weights: Float[np.ndarray, "n"],
+    *,
+    max_voters: int = RotationConfig.max_voters,
+    max_directions: int = RotationConfig.max_directions,
+    min_share: float = RotationConfig.min_share,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Peaks of the unsigned normals and the share of the weight within 10 degrees of each.
 
     Args:
         normals: Unit rows; the sign does not matter.
         weights: One a normal.
-        max_directions: At most so many, strongest first; those with less than 1 % of the weight are left out.
+        max_voters: Normals that vote at most, evenly chosen.
+        max_directions: At most so many, strongest first.
+        min_share: Directions with less than this share of the weight are left out.
 
     Returns:
         float64 (k, 3) unit vectors and (k,) shares.
     """
-    stride = max(-(-len(normals) // MAX_VOTERS), 1)
+    stride = max(-(-len(normals) // max_voters), 1)
     normals, weights = normals[::stride], weights[::stride]
     total = float(weights.sum(dtype=np.float64))
     is_free = np.ones(len(normals), dtype=bool)
@@ -58,7 +51,7 @@ def dominant_directions(
             break
         votes = near @ np.where(is_free, weights, 0.0).astype(np.float32)
         best = int(np.argmax(votes))
-        if votes[best] < 0.01 * total:
+        if votes[best] < min_share * total:
             break
         direction = seeds[best].astype(np.float64)
         for _ in range(5):
@@ -81,7 +74,10 @@ def _frame(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def pair_rotations(
-    directions_a: np.ndarray, directions_b: np.ndarray, *, angle_tolerance: float = 6.0
+    directions_a: np.ndarray,
+    directions_b: np.ndarray,
+    *,
+    angle_tolerance: float = RotationConfig.angle_tolerance,
 ) -> np.ndarray:
     """All rotations that map two directions of b onto two of a, up to signs, float64 (k, 3, 3).
 
@@ -113,7 +109,7 @@ def pair_rotations(
 
 
 @kept_program
-@partial(jax.jit, static_argnames="num_steps")
+@partial(jax.jit, static_argnames=("num_steps", "concentration"))
 def sharpen_rotations(
     normals_a: Float32[Array, "n 3"],
     normals_b: Float32[Array, "m 3"],
@@ -122,6 +118,7 @@ def sharpen_rotations(
     is_signed: Bool[Array, ""] | bool,
     *,
     num_steps: int = 6,
+    concentration: float = RotationConfig.concentration,
 ) -> tuple[Float32[Array, "k 3 3"], Float32[Array, "k"]]:
     """Climb from each rotation to the nearest mode of the agreement of the normals.
 
@@ -134,6 +131,7 @@ def sharpen_rotations(
         count: How many of them; the others are left as they are.
         is_signed: Whether the sign of the normals means something in both maps.
         num_steps: Fixed number of steps.
+        concentration: k of the kernel exp(k (cos - 1)) between normals.
 
     Returns:
         Rotations and their agreement: the mean kernel value over all pairs of normals.
@@ -142,7 +140,7 @@ def sharpen_rotations(
     def kernel(rotation: Array) -> tuple[Array, Array]:
         cosine = normals_a @ (normals_b @ rotation.T).T
         sign = jnp.where(jnp.asarray(is_signed) | (cosine >= 0), 1.0, -1.0).astype(jnp.float32)
-        return jnp.exp(KERNEL * (cosine * sign - 1.0)), sign
+        return jnp.exp(concentration * (cosine * sign - 1.0)), sign
 
     def climb(rotation: Array, _: object) -> tuple[Array, None]:
         weight, sign = kernel(rotation)
@@ -162,22 +160,9 @@ def sharpen_rotations(
     return jax.lax.fori_loop(0, count, sharpen, start)
 
 
-def distinct_rotations(
-    rotations: np.ndarray, scores: np.ndarray, *, angle: float, max_count: int
+def sample_normals(
+    normals: np.ndarray, weights: np.ndarray, *, count: int = RotationConfig.num_normals
 ) -> np.ndarray:
-    """Indices of the best rotations that differ by more than `angle` [deg], best first."""
-    kept: list[int] = []
-    bound = 1.0 + 2.0 * np.cos(np.radians(angle))
-    for i in np.argsort(-scores, kind="stable"):
-        traces = np.einsum("kij,ij->k", rotations[kept], rotations[i]) if kept else np.zeros(0)
-        if not (traces > bound).any():
-            kept.append(int(i))
-            if len(kept) == max_count:
-                break
-    return np.asarray(kept, dtype=np.int64)
-
-
-def sample_normals(normals: np.ndarray, weights: np.ndarray, *, count: int = NUM_SAMPLES) -> np.ndarray:
     """`count` normals, drawn evenly along the cumulated weights; deterministic."""
     cumulated = np.cumsum(weights, dtype=np.float64)
     at = (np.arange(count) + 0.5) / count * cumulated[-1]
@@ -191,45 +176,56 @@ def rotation_hypotheses(
     directions_b: np.ndarray,
     *,
     is_signed: bool,
-    gravity_aligned: bool = False,
-    max_rotations: int = 48,
+    max_lean: float | None = None,
+    max_rotations: int = SourceConfig.max_rotations,
+    settings: RotationConfig | None = None,
 ) -> tuple[Float[np.ndarray, "k 3 3"], np.ndarray]:
     """Distinct rotations of b into a, by agreement of the normals, best first.
 
     Args:
         samples_a: Unit normals of a, weighted by how often they occur (`sample_normals`).
-        samples_b: Those of b.
+        samples_b: Unit normals of b, drawn alike.
         directions_a: Dominant directions of a, (p, 3).
         directions_b: Dominant directions of b, (q, 3).
         is_signed: Whether the normals point into free space in both maps.
-        gravity_aligned: Keep rotations about the vertical only (within 5 degrees).
-        max_rotations: At most so many.
+        max_lean: Keep only rotations that tilt the vertical by less than this [deg]; None keeps all.
+        max_rotations: Largest number of rotations.
+        settings: How rotations are found; None for the defaults.
 
     Returns:
         float32 (k, 3, 3) and the agreement of each.
     """
-    seeds = pair_rotations(directions_a, directions_b)
-    if gravity_aligned:
-        seeds = seeds[seeds[:, 2, 2] > np.cos(np.radians(8.0))]
+    chosen = RotationConfig() if settings is None else settings
+    apart = chosen.distinct_degrees
+    seeds = pair_rotations(directions_a, directions_b, angle_tolerance=chosen.angle_tolerance)
+    if max_lean is not None:
+        seeds = seeds[seeds[:, 2, 2] > np.cos(np.radians(max_lean))]
     if len(seeds) == 0:
         return np.zeros((0, 3, 3), np.float32), np.zeros(0)
-    seeds = seeds[
-        distinct_rotations(seeds, -np.arange(len(seeds), dtype=np.float64), angle=4.0, max_count=1000)
-    ]
-    rough, agreement = _sharpen(samples_a[::ROUGH_STRIDE], samples_b[::ROUGH_STRIDE], seeds, is_signed, 6)
-    rough = rough[distinct_rotations(rough, agreement, angle=2.0, max_count=2 * max_rotations)]
-    sharp, agreement = _sharpen(samples_a, samples_b, rough, is_signed, 4)
-    kept = distinct_rotations(sharp, agreement, angle=4.0, max_count=max_rotations)
+    seeds = seeds[distinct_rows(seeds, degrees=apart, max_count=chosen.max_seeds)]
+    stride, kernel = chosen.rough_stride, chosen.concentration
+    rough, agreement = _sharpen(samples_a[::stride], samples_b[::stride], seeds, is_signed, 6, kernel)
+    # What the rough rotations are short of may still bring two of them together: they are told apart more finely.
+    rough = rough[distinct_rows(rough, scores=agreement, degrees=apart / 2, max_count=2 * max_rotations)]
+    sharp, agreement = _sharpen(samples_a, samples_b, rough, is_signed, 4, kernel)
+    kept = distinct_rows(sharp, scores=agreement, degrees=apart, max_count=max_rotations)
     return sharp[kept], agreement[kept]
 
 
 def _sharpen(
-    samples_a: np.ndarray, samples_b: np.ndarray, rotations: np.ndarray, is_signed: bool, num_steps: int
+    samples_a: np.ndarray,
+    samples_b: np.ndarray,
+    rotations: np.ndarray,
+    is_signed: bool,
+    num_steps: int,
+    concentration: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """`sharpen_rotations` of any number of rotations, in groups of one size, side by side."""
 
     def sharpen(some: np.ndarray, count: np.int32) -> tuple[Array, Array]:
-        return sharpen_rotations(samples_a, samples_b, some, count, is_signed, num_steps=num_steps)
+        return sharpen_rotations(
+            samples_a, samples_b, some, count, is_signed, num_steps=num_steps, concentration=concentration
+        )
 
-    sharp, agreement = over_pieces(sharpen, [rotations.astype(np.float32)], size=_GROUP)
+    sharp, agreement = over_pieces(sharpen, [rotations.astype(np.float32)], size=32)
     return sharp, agreement.astype(np.float64)

@@ -4,6 +4,8 @@ Drift, noise and people scatter conflicts; a pose that is wrong by a whole room 
 free space.
 """
 
+from functools import partial
+
 import numpy as np
 from scipy import ndimage
 
@@ -13,34 +15,26 @@ from ...maps.prepared import PreparedMap
 from ...ops.evidence.lookup import cells_on_host, turned_on_host
 from ...ops.evidence.scoring import CONFLICT, HIT
 from .leaders import Judgement, Leaders
-
-MIN_AREA = 1.0
-"""A piece begins at so much surface [m^2]: noise and grazing rays leave less."""
-
-RIVAL_WEIGHT = 3.0
-"""Rivals are as probable as their evidence to this power. How much the maps should overlap is not known beforehand, and
-the true pose among equal rooms is often not the one that agrees most: between rivals the score weighs less than it
-does against no overlap at all. Pieces weigh less than generated pairs of equal rooms alone would have it
-(`python -m bench verdict_fit`), where only doors and a little furniture move."""
-
-MIN_SHARE = 0.5
-"""Poses with less than this share of the best score are no rivals, and are not looked at."""
+from .settings import VerdictConfig
 
 
-def piece_area(a: PreparedMap, b: PreparedMap, T_a_b: np.ndarray) -> tuple[float, float]:
-    """Surface in connected conflicts of at least `MIN_AREA`, and surface that agrees, of both maps together [m^2].
+def piece_area(
+    a: PreparedMap, b: PreparedMap, T_a_b: np.ndarray, *, min_area: float = VerdictConfig.min_piece_area
+) -> tuple[float, float]:
+    """Surface in connected conflicts, and surface that agrees, of both maps together [m^2].
 
     Args:
         a: First map.
         b: Second map.
         T_a_b: Pose (4, 4).
+        min_area: Conflicts that hang together count from so much surface on [m^2].
     """
     in_pieces = num_hits = 0
     for target, other, T in ((a, b, T_a_b), (b, a, rigid.inverse(T_a_b))):
         points = np.asarray(other.points)[: other.num_points]
         code = _codes_at(target, points, T)
         num_hits += int(np.count_nonzero(code == HIT))
-        in_pieces += _in_pieces(other, points[code == CONFLICT])
+        in_pieces += _in_pieces(other, points[code == CONFLICT], min_area)
     face = a.grid.voxel_size**2
     return in_pieces * face, num_hits * face
 
@@ -56,7 +50,7 @@ def _codes_at(target: PreparedMap, points: np.ndarray, T: np.ndarray) -> np.ndar
     return np.take(np.asarray(target.codes), cell) * is_inside
 
 
-def _in_pieces(other: PreparedMap, points: np.ndarray) -> int:
+def _in_pieces(other: PreparedMap, points: np.ndarray, min_area: float) -> int:
     """How many of the occupied voxels at `points` are connected to pieces that are large enough."""
     if len(points) == 0:
         return 0
@@ -68,32 +62,40 @@ def _in_pieces(other: PreparedMap, points: np.ndarray) -> int:
     labels = np.empty(block.shape, np.int32)
     ndimage.label(block, np.ones((3, 3, 3), int), output=labels)
     sizes = np.bincount(labels[block])
-    return int(sizes[sizes * voxel**2 >= MIN_AREA].sum())
+    return int(sizes[sizes * voxel**2 >= min_area].sum())
 
 
-def weigh_pieces(a: PreparedMap, b: PreparedMap, leaders: Leaders) -> Leaders:
-    """Leaders with the pieces of the rivals for the first place, best first by the score net of them."""
-    is_rival = rivals(leaders.judgement)
+def weigh_pieces(a: PreparedMap, b: PreparedMap, leaders: Leaders, settings: VerdictConfig) -> Leaders:
+    """Leaders with the pieces of the rivals for the first place, best first by the score net of them.
+
+    Args:
+        a: First map.
+        b: Second map.
+        leaders: Distinct poses, judged.
+        settings: Which poses are rivals, and how large a piece is.
+    """
+    is_rival = rivals(leaders.judgement, settings.min_rival_share)
     areas = np.zeros((len(leaders.poses), 2))
     if is_rival.any():
-        areas[is_rival] = spread(lambda T: piece_area(a, b, T), leaders.poses[is_rival])
+        area = partial(piece_area, a, b, min_area=settings.min_piece_area)
+        areas[is_rival] = spread(area, leaders.poses[is_rival])
     pieces, shared = areas.T
     judgement = leaders.judgement._replace(pieces=pieces, shared=shared)
-    order = np.argsort(-net_scores(judgement), kind="stable")
+    order = np.argsort(-net_scores(judgement, settings.min_rival_share), kind="stable")
     return leaders._replace(judgement=judgement).take(order)
 
 
-def rivals(judgement: Judgement) -> np.ndarray:
-    """Which poses (k,) compete for the first place, the best included."""
+def rivals(judgement: Judgement, min_share: float = VerdictConfig.min_rival_share) -> np.ndarray:
+    """Which poses (k,) compete for the first place, the best included: those with a share of the best score."""
     scores = judgement.score()
-    return (scores >= MIN_SHARE * scores.max(initial=0.0)) & (scores > 0.0)
+    return (scores >= min_share * scores.max(initial=0.0)) & (scores > 0.0)
 
 
-def net_scores(judgement: Judgement) -> np.ndarray:
+def net_scores(judgement: Judgement, min_share: float = VerdictConfig.min_rival_share) -> np.ndarray:
     """Scores (k,); those of rivals divided by 1 m^2 plus their pieces, and the cleanest one keeps its score.
 
     Pieces that all rivals show, from drift or moved things, tell nothing between them.
     """
-    is_rival = rivals(judgement)
+    is_rival = rivals(judgement, min_share)
     least = judgement.pieces[is_rival].min(initial=np.inf)
     return judgement.score() * np.where(is_rival, (1.0 + least) / (1.0 + judgement.pieces), 1.0)

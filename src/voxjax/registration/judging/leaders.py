@@ -10,16 +10,11 @@ from ..._runtime.placement import to_device
 from ...maps.prepared import PreparedMap, sample_rows
 from ...ops.evidence.align import align_poses
 from ...ops.evidence.scoring import surface_evidence
+from ..hypotheses.distinct import distinct_poses
 from ..hypotheses.proposals import Proposals
-from ..hypotheses.ranking import COARSE_CONFLICT_WEIGHT, distinct_poses, rank_poses
+from ..hypotheses.ranking import rank_poses
+from ..hypotheses.settings import EvidenceConfig
 from .settings import LeaderConfig
-
-CONFLICT_WEIGHT = 6.0
-"""How many hits a conflict outweighs; anything from 3 to 10 served in trials."""
-
-DISTINCT_VOXELS, DISTINCT_DEGREES = 5.0, 8.0
-"""Refined poses nearer to each other than both are one: with 4 degrees, poses on their way to the best one of a coarse
-map stood beside it as rivals."""
 
 
 class Judgement(NamedTuple):
@@ -33,6 +28,7 @@ class Judgement(NamedTuple):
         pieces: (k,) surface in conflicts that hang together, of both maps [m^2]; 0 where nobody looked
             (`conflict_pieces`).
         shared: (k,) surface that agrees, of both maps [m^2]; 0 where nobody looked.
+        conflict_weight: How many hits a conflict outweighs.
     """
 
     hits: np.ndarray
@@ -41,14 +37,20 @@ class Judgement(NamedTuple):
     information: np.ndarray
     pieces: np.ndarray
     shared: np.ndarray
+    conflict_weight: float = EvidenceConfig.conflict_weight
 
-    def score(self, conflict_weight: float = CONFLICT_WEIGHT) -> np.ndarray:
-        """Hits minus weighted conflicts, at most 1."""
-        return self.hits - conflict_weight * self.conflicts
+    def score(self) -> np.ndarray:
+        """Hits minus weighted conflicts (k,), at most 1."""
+        return self.hits - self.conflict_weight * self.conflicts
 
     def take(self, rows: np.ndarray) -> "Judgement":
         """The evidence of some of the poses."""
-        return Judgement(*(part[rows] for part in self))
+        return Judgement._make([*(part[rows] for part in self[:-1]), self.conflict_weight])
+
+    def joined(self, other: "Judgement") -> "Judgement":
+        """The evidence of these poses and then of others, judged with the same weight."""
+        pairs = zip(self[:-1], other[:-1], strict=True)
+        return Judgement._make([*map(np.concatenate, pairs), self.conflict_weight])
 
 
 def judge_poses(
@@ -57,6 +59,7 @@ def judge_poses(
     poses: Float[np.ndarray, "k 4 4"],
     *,
     num_points: int | None,
+    conflict_weight: float = EvidenceConfig.conflict_weight,
     is_coarse: bool = False,
 ) -> Judgement:
     """Evidence of poses, both ways.
@@ -66,6 +69,7 @@ def judge_poses(
         b: Second map.
         poses: `T_a_b` candidates.
         num_points: Voxels of each map to look at; None for all of them.
+        conflict_weight: How many hits a conflict outweighs.
         is_coarse: Judge at the tolerance of unrefined poses.
     """
     T = poses.astype(np.float32)
@@ -97,6 +101,7 @@ def judge_poses(
         (information[0] + information[1]) / 2,
         nobody_looked,
         nobody_looked,
+        conflict_weight,
     )
 
 
@@ -107,8 +112,8 @@ def refine_poses(
     *,
     num_points: int,
     num_steps: int,
-    start_distance: float = 5.0,
-    final_distance: float = 1.5,
+    start_distance: float,
+    final_distance: float,
 ) -> Float[np.ndarray, "k 4 4"]:
     """Align each pose, b onto the surface of a; distances are robust scales [voxel]."""
     rows = sample_rows(b, num_points)
@@ -142,46 +147,62 @@ class Leaders(NamedTuple):
 
 
 def find_leaders(
-    a: PreparedMap,
-    b: PreparedMap,
-    proposals: Proposals,
-    settings: LeaderConfig,
+    a: PreparedMap, b: PreparedMap, proposals: Proposals, settings: LeaderConfig, weights: EvidenceConfig
 ) -> Leaders:
     """Rank proposals, refine the better ones, and rank again; no leader where nothing was proposed.
 
     Unrefined poses are judged at a coarse tolerance, because ranking them as if they were final loses right ones.
+
+    Args:
+        a: First map.
+        b: Second map.
+        proposals: Hypotheses, however many.
+        settings: How many of them survive each stage, and by how many points they are compared.
+        weights: How much conflicts weigh before and after refinement.
     """
     poses, sources = proposals.poses, proposals.sources
     if len(poses) == 0:
         nothing = np.zeros(0)
-        judgement = Judgement(nothing, nothing, nothing, np.zeros((0, 3, 3)), nothing, nothing)
-        return Leaders(poses, judgement, ())
-    voxel = a.grid.voxel_size
-    centroid = np.asarray(b.centroid, np.float64)
+        return Leaders(poses, Judgement(nothing, nothing, nothing, np.zeros((0, 3, 3)), nothing, nothing), ())
+    coarse, weight = weights.coarse_conflict_weight, weights.conflict_weight
 
-    def best(poses: np.ndarray, scores: np.ndarray, voxels: float, degrees: float, count: int) -> np.ndarray:
-        return distinct_poses(
-            poses, scores, centroid, metres=voxels * voxel, degrees=degrees, max_count=count
-        )
+    # 1. All hypotheses by few points; of those that are alike the best.
+    scores = rank_poses(a, b, poses, num_points=settings.num_quick_points, conflict_weight=coarse)
+    rows = _best_unrefined(a, b, poses, scores, settings, settings.num_ranked)
 
-    rows = best(poses, rank_poses(a, b, poses), 2.0, 1.5, settings.num_ranked)
-    coarse = judge_poses(a, b, poses[rows], num_points=1024, is_coarse=True)
-    rows = rows[best(poses[rows], coarse.score(COARSE_CONFLICT_WEIGHT), 2.0, 1.5, settings.num_refined)]
-    refined = refine_poses(a, b, poses[rows], num_points=1024, num_steps=15)
-    kept = best(
-        refined,
-        judge_poses(a, b, refined, num_points=4096).score(),
-        DISTINCT_VOXELS,
-        DISTINCT_DEGREES,
-        settings.num_leaders,
+    # 2. The better ones by more points, and with the sides of their surfaces.
+    judged = judge_poses(
+        a, b, poses[rows], num_points=settings.num_coarse_points, conflict_weight=coarse, is_coarse=True
     )
-    rows, refined = rows[kept], refined[kept]
+    rows = rows[_best_unrefined(a, b, poses[rows], judged.score(), settings, settings.num_refined)]
+
+    # 3. Refined from afar, and judged at the tolerance of refined poses.
     refined = refine_poses(
-        a, b, refined, num_points=8192, num_steps=12, start_distance=2.5, final_distance=1.0
+        a,
+        b,
+        poses[rows],
+        num_points=settings.num_rough_points,
+        num_steps=settings.num_rough_steps,
+        start_distance=5.0,
+        final_distance=1.5,
     )
-    judgement = judge_poses(a, b, refined, num_points=None)
-    kept = best(refined, judgement.score(), DISTINCT_VOXELS, DISTINCT_DEGREES, settings.num_leaders)
-    return Leaders(refined, judgement, tuple(sources[row] for row in rows)).take(kept)
+    judged = judge_poses(a, b, refined, num_points=settings.num_rough_judges, conflict_weight=weight)
+    kept = _best_refined(a, b, refined, judged.score(), settings)
+    rows, refined = rows[kept], refined[kept]
+
+    # 4. Refined more closely, and judged by all voxels.
+    refined = refine_poses(
+        a,
+        b,
+        refined,
+        num_points=settings.num_fine_points,
+        num_steps=settings.num_fine_steps,
+        start_distance=2.5,
+        final_distance=1.0,
+    )
+    judged = judge_poses(a, b, refined, num_points=None, conflict_weight=weight)
+    leaders = Leaders(refined, judged, tuple(sources[row] for row in rows))
+    return leaders.take(_best_refined(a, b, refined, judged.score(), settings))
 
 
 def merge_leaders(
@@ -190,15 +211,40 @@ def merge_leaders(
     """The best distinct poses of two sets of leaders."""
     both = Leaders(
         np.concatenate([first.poses, second.poses]),
-        Judgement(*map(np.concatenate, zip(first.judgement, second.judgement, strict=True))),
+        first.judgement.joined(second.judgement),
         (*first.sources, *second.sources),
     )
-    chosen = distinct_poses(
-        both.poses,
-        both.judgement.score(),
+    return both.take(_best_refined(a, b, both.poses, both.judgement.score(), settings))
+
+
+def _best_unrefined(
+    a: PreparedMap,
+    b: PreparedMap,
+    poses: np.ndarray,
+    scores: np.ndarray,
+    settings: LeaderConfig,
+    max_count: int,
+) -> np.ndarray:
+    """Rows of the best poses that differ by more than unrefined ones of one place do."""
+    return distinct_poses(
+        poses,
         np.asarray(b.centroid, np.float64),
-        metres=DISTINCT_VOXELS * a.grid.voxel_size,
-        degrees=DISTINCT_DEGREES,
+        scores=scores,
+        metres=settings.unrefined_voxels * a.grid.voxel_size,
+        degrees=settings.unrefined_degrees,
+        max_count=max_count,
+    )
+
+
+def _best_refined(
+    a: PreparedMap, b: PreparedMap, poses: np.ndarray, scores: np.ndarray, settings: LeaderConfig
+) -> np.ndarray:
+    """Rows of the best poses that differ by more than refined ones of one place do."""
+    return distinct_poses(
+        poses,
+        np.asarray(b.centroid, np.float64),
+        scores=scores,
+        metres=settings.distinct_voxels * a.grid.voxel_size,
+        degrees=settings.distinct_degrees,
         max_count=settings.num_leaders,
     )
-    return both.take(chosen)

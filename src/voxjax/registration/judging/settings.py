@@ -1,38 +1,82 @@
-"""Settings of the judging: how many poses survive each stage, and when one is accepted."""
+"""Settings of the judging: how many poses survive each stage, how they are compared, and when one is accepted."""
 
 import dataclasses
 
+from ..._settings import Settings, setting
+
 
 @dataclasses.dataclass(frozen=True)
-class LeaderConfig:
-    """How many hypotheses survive each stage.
+class LeaderConfig(Settings, table="leader"):
+    """How many hypotheses survive each stage, and by how many points they are compared.
+
+    Points of a map are drawn by leverage. The numbers of poses, points and steps were settled in trials on generated
+    pairs; unrefined poses are judged by fewer points, because there are more of them.
 
     Attributes:
         num_ranked: Distinct poses judged at the coarse tolerance.
         num_refined: Distinct poses refined.
         num_leaders: Distinct refined poses judged by all voxels.
+        num_quick_points: Points of each map that rank all hypotheses.
+        num_coarse_points: Points of each map that judge the ranked poses at the coarse tolerance.
+        num_rough_points: Points of map b that the first refinement aligns.
+        num_rough_steps: Steps of the first refinement.
+        num_rough_judges: Points of each map that judge poses after the first refinement.
+        num_fine_points: Points of map b that the second refinement aligns.
+        num_fine_steps: Steps of the second refinement.
+        unrefined_voxels: Unrefined poses that put the centroid of map b nearer to each other than this [voxel] and turn
+            it alike are one hypothesis.
+        unrefined_degrees: Unrefined poses that turn map b alike but for less than this [deg] and put it at one place
+            are one hypothesis.
+        distinct_voxels: As `unrefined_voxels`, for refined poses [voxel].
+        distinct_degrees: As `unrefined_degrees`, for refined poses [deg]: with 4 degrees, poses on their way to the
+            best one of a coarse map stood beside it as rivals.
     """
 
-    num_ranked: int = 512
-    num_refined: int = 64
-    num_leaders: int = 12
+    num_ranked: int = setting(512, low=1, high=100_000)
+    num_refined: int = setting(64, low=1, high=100_000)
+    num_leaders: int = setting(12, low=1, high=10_000)
+    num_quick_points: int = setting(512, low=1, high=1_000_000)
+    num_coarse_points: int = setting(1024, low=1, high=1_000_000)
+    num_rough_points: int = setting(1024, low=1, high=1_000_000)
+    num_rough_steps: int = setting(15, low=1, high=1_000)
+    num_rough_judges: int = setting(4096, low=1, high=1_000_000)
+    num_fine_points: int = setting(8192, low=1, high=1_000_000)
+    num_fine_steps: int = setting(12, low=1, high=1_000)
+    unrefined_voxels: float = setting(2.0, low=0.0, high=1_000.0)
+    unrefined_degrees: float = setting(1.5, low=0.0, high=180.0)
+    distinct_voxels: float = setting(5.0, low=0.0, high=1_000.0)
+    distinct_degrees: float = setting(8.0, low=0.0, high=180.0)
 
 
 @dataclasses.dataclass(frozen=True)
-class VerdictConfig:
+class VerdictConfig(Settings, table="verdict"):
     """When a pose is accepted; the model is in `registration/judging/verdict.py`.
 
     Attributes:
         min_confidence: Least probability of an accepted pose.
-        min_confidence_beside_rivals: The same where free space must decide between poses that score alike.
+        min_confidence_beside_rivals: Least probability of an accepted pose where free space must decide between poses
+            that score alike.
         max_conflict: Largest share of conflicts among the voxels that hit or conflict.
         min_support: Least agreement along the worst direction, as a share of all that both maps could show.
         max_pieces: Largest area of conflicts that hang together, as a share of the surface that agrees, where other
             poses score almost as well.
+        min_piece_area: Conflicts that hang together count from so much surface on [m^2]: noise and grazing rays leave
+            less.
+        min_rival_share: Poses with less than this share of the best score are no rivals, and nobody looks for their
+            pieces.
+        rival_weight: Rivals are as probable as their score to this power. How much the maps should overlap is not known
+            beforehand, and the true pose among equal rooms is often not the one that agrees most: between rivals the
+            score weighs less than it does against no overlap at all. Pieces weigh less than generated pairs of equal
+            rooms alone would have it (`python -m bench verdict_fit`), where only doors and a little furniture move.
+        max_none: Other sources are asked only if no leader is right with at least this probability.
     """
 
-    min_confidence: float = 0.85
-    min_confidence_beside_rivals: float = 0.9
-    max_conflict: float = 0.08
-    min_support: float = 0.005
-    max_pieces: float = 0.003
+    min_confidence: float = setting(0.85, low=0.0, high=1.0)
+    min_confidence_beside_rivals: float = setting(0.9, low=0.0, high=1.0)
+    max_conflict: float = setting(0.08, low=0.0, high=1.0)
+    min_support: float = setting(0.005, low=0.0, high=1.0)
+    max_pieces: float = setting(0.003, low=0.0, high=1.0)
+    min_piece_area: float = setting(1.0, low=0.0, high=1_000_000.0)
+    min_rival_share: float = setting(0.5, low=0.0, high=1.0)
+    rival_weight: float = setting(3.0, low=0.0, high=100.0)
+    max_none: float = setting(0.1, low=0.0, high=1.0)

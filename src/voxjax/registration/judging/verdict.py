@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..types import Verdict
-from .conflict_pieces import RIVAL_WEIGHT, net_scores, rivals
+from .conflict_pieces import net_scores, rivals
 from .leaders import Judgement
 from .settings import VerdictConfig
 
@@ -43,9 +43,6 @@ WITHOUT_FREE_SPACE = Coefficients(none=-6.2, score=3.1, support=3.0)
 Fitted on stripped pairs before free space was inferred; `verdict_fit` on others gave -6.5, 3.6, 4.0. The pairs that
 still come here are half scans, of which there are none among generated ones."""
 
-LEAST_EVIDENCE, LEAST_SUPPORT = 1e-3, 1e-4
-"""Below, all poses are equally hopeless."""
-
 
 class Finding(NamedTuple):
     """The verdict with what it rests on.
@@ -68,19 +65,29 @@ def support(judgement: Judgement) -> np.ndarray:
     return 3.0 * np.linalg.eigvalsh(judgement.information)[:, 0]
 
 
-def probabilities(judgement: Judgement, *, has_free_space: bool) -> np.ndarray:
+def log_evidence(judgement: Judgement) -> tuple[np.ndarray, np.ndarray]:
+    """Logarithms (k,) of score and support of each pose; below 0.001 and 0.0001 all poses are equally hopeless."""
+    return np.log(np.maximum(judgement.score(), 1e-3)), np.log(np.maximum(support(judgement), 1e-4))
+
+
+def probabilities(
+    judgement: Judgement, settings: VerdictConfig | None = None, *, has_free_space: bool
+) -> np.ndarray:
     """Probability (k + 1,) that no leader is right, and that each of them is.
 
     Args:
         judgement: Evidence of the leaders.
+        settings: Which poses are rivals, and how much their scores weigh; None for the defaults.
         has_free_space: Whether both maps know free space.
     """
+    chosen = VerdictConfig() if settings is None else settings
     weight = WITH_FREE_SPACE if has_free_space else WITHOUT_FREE_SPACE
-    utility = weight.score * np.log(np.maximum(judgement.score(), LEAST_EVIDENCE))
-    utility = utility + weight.support * np.log(np.maximum(support(judgement), LEAST_SUPPORT))
-    is_rival = rivals(judgement)
+    of_score, of_support = log_evidence(judgement)
+    utility = weight.score * of_score + weight.support * of_support
+    is_rival = rivals(judgement, chosen.min_rival_share)
     if has_free_space and is_rival.any():
-        within = np.where(is_rival, np.maximum(net_scores(judgement), 0.0) ** RIVAL_WEIGHT, 0.0)
+        net = net_scores(judgement, chosen.min_rival_share)
+        within = np.where(is_rival, np.maximum(net, 0.0) ** chosen.rival_weight, 0.0)
         with np.errstate(divide="ignore"):
             shared = np.max(utility[is_rival]) + np.log(within / within.sum())
         utility = np.where(is_rival, shared, utility)
@@ -104,11 +111,11 @@ def decide(
         return Finding(
             "no_overlap", 0.0, "No source proposed a pose: the maps have too little structure.", 1.0
         )
-    chance = probabilities(judgement, has_free_space=has_free_space)
+    chance = probabilities(judgement, settings, has_free_space=has_free_space)
     none, confidence = float(chance[0]), float(chance[1])
     conflict = float(judgement.conflicts[0] / max(judgement.hits[0] + judgement.conflicts[0], 1e-9))
     shown = _shown(judgement, conflict, has_free_space=has_free_space, is_inferred=is_inferred)
-    if net_scores(judgement)[0] <= 0.0 or none > max(0.5, confidence):
+    if net_scores(judgement, settings.min_rival_share)[0] <= 0.0 or none > max(0.5, confidence):
         return Finding("no_overlap", confidence, f"No pose is supported by the maps: at best {shown}.", none)
     if conflict > settings.max_conflict:
         reason = f"Occupied and free space contradict each other too often: {shown}."
@@ -116,7 +123,7 @@ def decide(
     if support(judgement)[0] < settings.min_support:
         reason = f"The best pose can slide along a direction that no surface fixes: {shown}."
         return Finding("ambiguous", min(confidence, 0.5), reason, none)
-    is_contested = bool(rivals(judgement)[1:].any())
+    is_contested = bool(rivals(judgement, settings.min_rival_share)[1:].any())
     if is_contested and judgement.pieces[0] > settings.max_pieces * judgement.shared[0]:
         reason = (
             f"The best of several poses sets whole pieces of one map into free space of the other: {shown}."

@@ -15,30 +15,31 @@ from ..._types import Array
 from ...matching.common_subgraph import Align, kabsch
 from ...refinement.residuals.losses import robustify
 from ...refinement.solve.equations import move_about
-
-MAX_NEIGHBOURS = 64
-"""Occupied voxels taken around one corner; nearest first."""
-
-NUM_ROUNDS = 6
-"""How often neighbouring points are matched anew; they settle after three or four."""
+from .settings import PaperConfig
 
 
 class NeighbouringPoints:
     """Occupied voxels of both maps, to find those beside matched corners."""
 
     def __init__(
-        self, voxels_a: Float32[np.ndarray, "n 3"], voxels_b: Float32[np.ndarray, "m 3"], voxel_size: float
+        self,
+        voxels_a: Float32[np.ndarray, "n 3"],
+        voxels_b: Float32[np.ndarray, "m 3"],
+        voxel_size: float,
+        *,
+        max_neighbours: int = PaperConfig.max_neighbours,
     ):
         """Build the search trees.
 
         Args:
             voxels_a: Centres of the occupied voxels of a [m].
-            voxels_b: The same of b.
-            voxel_size: [m].
+            voxels_b: Centres of the occupied voxels of b [m].
+            voxel_size: Voxel size of both maps [m].
+            max_neighbours: Voxels taken around one corner; nearest first.
         """
         self.tree_a, self.tree_b = KDTree(voxels_a), KDTree(voxels_b)
         self.voxels_a, self.voxels_b = voxels_a, voxels_b
-        self.voxel_size = voxel_size
+        self.voxel_size, self.max_neighbours = voxel_size, max_neighbours
 
     def beside(self, corners_b: Float32[np.ndarray, "k 3"], *, radius: float, count: int) -> np.ndarray:
         """Rows of the voxels of b within `radius` [m] of the corners, at most `count` a corner, each once."""
@@ -61,7 +62,7 @@ class NeighbouringPoints:
 
         def align(points_a: np.ndarray, points_b: np.ndarray) -> np.ndarray:
             T_a_b = kabsch(points_a, points_b)
-            rows = self.beside(points_b, radius=5.0 * self.voxel_size, count=MAX_NEIGHBOURS // 4)
+            rows = self.beside(points_b, radius=5.0 * self.voxel_size, count=self.max_neighbours // 4)
             more_a, more_b = self.pairs(rows, T_a_b, 2.0 * self.voxel_size)
             return kabsch(np.concatenate([points_a, more_a]), np.concatenate([points_b, more_b]))
 
@@ -74,6 +75,7 @@ def align_matches(
     neighbours: NeighbouringPoints,
     *,
     radius: float,
+    num_rounds: int = PaperConfig.num_rounds,
 ) -> tuple[np.ndarray, bool]:
     """Transform of matched corners and their neighbouring voxels, by optimistix.
 
@@ -83,17 +85,18 @@ def align_matches(
     Args:
         points_a: Matched corners of a [m].
         points_b: Matched corners of b [m].
-        neighbours: Of the two maps.
+        neighbours: Occupied voxels of the two maps.
         radius: How far from a corner its neighbouring points reach [m].
+        num_rounds: How often neighbouring points are matched anew.
 
     Returns:
         `T_a_b` float32 (4, 4), and whether the solver converged in the last round.
     """
     T_a_b = kabsch(points_a, points_b).astype(np.float32)
-    rows = neighbours.beside(points_b, radius=radius, count=MAX_NEIGHBOURS)
+    rows = neighbours.beside(points_b, radius=radius, count=neighbours.max_neighbours)
     size = wide_bucket_size(len(points_a) + len(rows), 256)
     converged = True
-    for reach in np.geomspace(4.0, 1.5, NUM_ROUNDS) * neighbours.voxel_size:
+    for reach in np.geomspace(4.0, 1.5, num_rounds) * neighbours.voxel_size:
         more_a, more_b = neighbours.pairs(rows, T_a_b, reach)
         all_a, all_b = np.concatenate([points_a, more_a]), np.concatenate([points_b, more_b])
         # Corners are worth many voxels: a tenth of the weight however many neighbours there are.
@@ -123,7 +126,7 @@ def fit_points(
         weights: At least 0, 0 for padding, sum 1.
         T_a_b: Start.
         scale: Distance from which on an offset counts linearly [m].
-        max_steps: Of the solver.
+        max_steps: Largest number of steps of the solver.
 
     Returns:
         The pose, whether the solver converged, and its steps.

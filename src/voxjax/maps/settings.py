@@ -1,0 +1,28 @@
+"""Settings of how a map is prepared."""
+
+import dataclasses
+
+from .._settings import Settings, setting
+
+
+@dataclasses.dataclass(frozen=True)
+class MapConfig(Settings, table="map"):
+    """How a map is prepared.
+
+    Attributes:
+        voxel_size: Working voxel size [m]; 0 takes the coarser map's, and brings maps finer than `fine_voxel_size` to
+            about `usual_voxel_size`: the evidence bounds are lengths that belong to the accuracy of maps, not numbers
+            of voxels.
+        fine_voxel_size: Maps finer than this are made coarser [m].
+        usual_voxel_size: About the voxel size of fine maps after that [m]: the trials behind the evidence ran there.
+        infer_free_space: Take what surfaces enclose for free in a map that records no free space
+            (`maps/inferred_space.py`). Fusion never uses it.
+        min_inferred: Inferred free space is used where it lies before at least this share of the surfaces; in half a
+            scan it would be on the wrong side of too many.
+    """
+
+    voxel_size: float = setting(0.0, low=0.0, high=1_000.0)
+    fine_voxel_size: float = setting(0.075, low=0.0, high=1_000.0)
+    usual_voxel_size: float = setting(0.1, above=0.0, high=1_000.0)
+    infer_free_space: bool = setting(True)
+    min_inferred: float = setting(0.75, low=0.0, high=1.0)
