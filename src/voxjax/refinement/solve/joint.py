@@ -5,11 +5,11 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import lineax as lx
 from jaxtyping import Bool, Float, Int32
 
 from ..._types import Array
 from .equations import move_about, tangent_slopes
+from .implicit import by_conjugate_gradients, by_pseudo_inverse
 from .joint_problem import JointProblem
 from .levels import COARSE_STRIDE, MAX_LEVEL_STEPS, RANK_TOLERANCE, lead, no_worse, settle
 
@@ -73,7 +73,8 @@ def solve_joint(
 
     The derivative is that of the solution by the implicit function theorem (forward and reverse mode): with respect to
     everything floating in the problem and to the last scale; that with respect to the start is 0, as of one pose (see
-    `solve_pose`). Directions that nothing fixes have a derivative of 0.
+    `solve_pose`). Directions that nothing fixes have a derivative of 0; where the theorem's equation
+    cannot be solved, the derivative is NaN.
 
     Args:
         problem: With at least one pair; its dtype, float32 or float64, is that of the result.
@@ -90,14 +91,12 @@ def solve_joint(
     if scales.shape[0] > 1:
         thinned, charts = problem.thinned(COARSE_STRIDE), _charts_about(start, problem, scales[-2])
         found, steps, _ = lead(thinned, charts, scales, max_level_steps=max_level_steps)
-    tolerance, is_small = RANK_TOLERANCE[start.dtype], start.shape[0] <= DIRECT_MAPS
-    least = float(jnp.finfo(start.dtype).tiny)
+    solver = by_pseudo_inverse if start.shape[0] <= DIRECT_MAPS else by_conjugate_gradients
     refined, more, is_converged = settle(
         problem,
         _charts_about(found, problem, scales[-1]),
         scales,
         max_level_steps=max_level_steps,
-        linear_solver=lx.SVD(rcond=tolerance) if is_small else lx.CG(rtol=tolerance, atol=least),
-        tags=frozenset({lx.symmetric_tag if is_small else lx.positive_semidefinite_tag}),
+        solve=solver(RANK_TOLERANCE[start.dtype]),
     )
     return RefinedPoses(*no_worse(problem, start, refined, scales), steps + more, is_converged)

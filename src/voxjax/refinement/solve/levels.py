@@ -1,16 +1,17 @@
 """From a start to a solution, of one pose or of many: coarse to fine, then with matches held, then differentiable."""
 
-from typing import Any, NamedTuple, Protocol, no_type_check, runtime_checkable
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
-import lineax as lx
 import numpy as np
 import optimistix as optx
 from jaxtyping import Bool, Float, Int32, PyTree
 
 from ..._types import Array
 from ..residuals.terms import Level
+from .implicit import Matrix, implicit_solution
 from .problem import sum_of_squares
 from .solver import AnnealedLevenbergMarquardt, Stage
 
@@ -129,7 +130,7 @@ def lead(
     first, stop = levels or (0, scales.shape[0] - 1)
     stages = [Stage(k, COARSE_STEP, max_level_steps) for k in range(first, stop)]
     args = jax.lax.stop_gradient(_Args(problem, chart, scales))
-    return _descend(args, tuple(stages), optx.ImplicitAdjoint(), frozenset())
+    return _descend(args, tuple(stages)).at(args.chart)
 
 
 def settle(
@@ -138,8 +139,7 @@ def settle(
     scales: Float[Array, "levels"],
     *,
     max_level_steps: int,
-    linear_solver: lx.AbstractLinearSolver,
-    tags: frozenset[object],
+    solve: Callable[[Matrix, Array], Array],
 ) -> Descent:
     """Down the last level, then with what the points meet there held: smooth, so that the solution can be exact.
 
@@ -148,8 +148,7 @@ def settle(
         chart: Of the poses, about where they are now.
         scales: Robust scale of each level, of which the last one is used [m].
         max_level_steps: Evaluations with matches looked up anew.
-        linear_solver: For the system of the implicit function theorem.
-        tags: Of its matrix.
+        solve: Solver for the linear system of the implicit function theorem, see `implicit_solution`.
     """
     last, dtype = scales.shape[0] - 1, chart.units.dtype
     stages = (
@@ -157,7 +156,9 @@ def settle(
         Stage(last, ATOL[dtype], MAX_LAST_STEPS, is_held=True),
     )
     args = _Args(problem, jax.lax.stop_gradient(chart), scales)
-    return _descend(args, stages, _HeldAdjoint(linear_solver), tags)
+    end = _descend(jax.lax.stop_gradient(args), stages)
+    unknowns = implicit_solution(end.unknowns, (args, end.place), slope=_slope_of_held, solve=solve)
+    return end._replace(unknowns=unknowns).at(args.chart)
 
 
 def no_worse(
@@ -175,9 +176,27 @@ def no_worse(
     return jnp.where(is_better, found, kept), before, jnp.where(is_better, after, before)
 
 
-def _descend(
-    args: _Args, stages: tuple[Stage, ...], adjoint: optx.AbstractAdjoint, tags: frozenset[object]
-) -> Descent:
+class _End(NamedTuple):
+    """Where the solver ended, in unknowns.
+
+    Attributes:
+        unknowns: The best point.
+        place: The point where its residuals looked things up.
+        num_steps: Evaluations.
+        is_converged: Whether the last stage did.
+    """
+
+    unknowns: Array
+    place: Array
+    num_steps: Int32[Array, ""]
+    is_converged: Bool[Array, ""]
+
+    def at(self, chart: Chart) -> Descent:
+        """The end as poses of a chart."""
+        return Descent(chart.poses(self.unknowns), self.num_steps, self.is_converged)
+
+
+def _descend(args: _Args, stages: tuple[Stage, ...]) -> _End:
     units = args.chart.units
     solver = AnnealedLevenbergMarquardt(
         rtol=RTOL[units.dtype],
@@ -193,12 +212,12 @@ def _descend(
         jnp.zeros_like(units),
         args,
         max_steps=sum(stage.max_steps for stage in stages),
-        adjoint=adjoint,
-        tags=tags,
         throw=False,
     )
-    steps = jnp.asarray(solution.stats["num_steps"], jnp.int32)
-    return Descent(args.chart.poses(solution.value), steps, solution.stats["is_converged"])
+    stats = solution.stats
+    return _End(
+        solution.value, stats["place"], jnp.asarray(stats["num_steps"], jnp.int32), stats["is_converged"]
+    )
 
 
 def _residuals(unknowns: Array, args: _Args) -> PyTree:
@@ -218,28 +237,12 @@ def _equations(unknowns: Array, met: tuple[PyTree, ...], args: _Args, number: In
     return args.problem.holding(met).equations(poses, args.level(number)).along(args.chart.slopes(unknowns))
 
 
-class _HeldAdjoint(optx.ImplicitAdjoint):
-    """Derivative of a solution whose residuals hold what they looked up at a place that the solver names."""
+def _slope_of_held(unknowns: Array, held: tuple[_Args, Array]) -> Array:
+    """Slope in the unknowns of the cost whose residuals hold what they met at a place; 0 at the solution."""
+    args, place = held
+    problem = args.problem.holding(_lookup(place, args))
 
-    def apply(self, primal_fn: Any, rewrite_fn: Any, inputs: PyTree, tags: frozenset[object]) -> PyTree:
-        """See `optimistix.AbstractAdjoint`."""
-        del rewrite_fn
-        return super().apply(primal_fn, _slope_of_held, inputs, tags)
-
-
-@no_type_check  # optimistix takes plain functions only, not what run-time checks wrap them into.
-def _slope_of_held(unknowns, results, inputs):
-    """Slope of the cost in the unknowns, which is 0 at the solution.
-
-    Args:
-        unknowns: Of the solution.
-        results: What optimistix returns beside it; the solver's own come last.
-        inputs: Of the solve.
-    """
-    args, place = inputs[3], results[-1]["place"]
-    held = args.problem.holding(_lookup(place, args))
-
-    def cost(unknowns):
-        return 0.5 * sum_of_squares(held.rows(args.chart.poses(unknowns), args.last_level()))
+    def cost(unknowns: Array) -> Array:
+        return 0.5 * sum_of_squares(problem.rows(args.chart.poses(unknowns), args.last_level()))
 
     return jax.grad(cost)(unknowns)

@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import lineax as lx
 from jaxtyping import Bool, Float, Int32
 
 from ..._runtime.programs import kept_program
 from ..._types import Array
 from ..residuals.terms import Level
 from .equations import move_about, tangent_slopes
+from .implicit import by_pseudo_inverse
 from .levels import COARSE_STRIDE, MAX_LEVEL_STEPS, RANK_TOLERANCE, Problem, lead, no_worse, settle
 from .problem import PoseProblem
 
@@ -158,7 +158,8 @@ def solve_pose(
     to everything floating in the problem and to the last scale. A solution does not depend on its start, so the
     derivative with respect to `T_a_b` is 0, unless a term holds the start (`Prior`), or the start is kept because no
     better pose was found. A kept start has the derivative of the solution if that is the same but for a small part of
-    the scale, else none. Directions that nothing fixes have a derivative of 0.
+    the scale, else none. Directions that nothing fixes have a derivative of 0; where the theorem's equation cannot be
+    solved, as for values that are not finite, the derivative is NaN.
 
     Pass the problem as an argument into functions that are compiled around this: its tables would be large constants.
 
@@ -182,7 +183,6 @@ def solve_pose(
         _chart_about(found, problem, scales[-1]),
         scales,
         max_level_steps=max_level_steps,
-        linear_solver=lx.SVD(rcond=RANK_TOLERANCE[start.dtype]),
-        tags=frozenset({lx.symmetric_tag}),
+        solve=by_pseudo_inverse(RANK_TOLERANCE[start.dtype]),
     )
     return RefinedPose(*no_worse(problem, start, T, scales), steps + more, is_converged)
