@@ -118,3 +118,14 @@ def test_max_voxels_bounds_clouds_too(tmp_path):
     assert vx.read_map(tmp_path / "c.ply", voxel_size=0.5, max_voxels=27).shape == (3, 3, 3)
     with pytest.raises(InputError, match="above the limit of 26"):
         vx.read_map(tmp_path / "c.ply", voxel_size=0.5, max_voxels=26)
+
+
+@pytest.mark.parametrize("ending", [".ply", ".bt", ".ot"])
+def test_a_map_that_cannot_be_packed_in_the_memory_is_refused(tmp_path, monkeypatch, ending):
+    grid = VoxelGrid(np.random.default_rng(0).integers(1, 3, (64, 64, 64)).astype(np.uint8), np.zeros(3), 0.1)
+    monkeypatch.setenv("VOXJAX_MEMORY", "0.004")
+    with pytest.raises(
+        InputError, match=rf"m\{ending} cannot be written: .* GB of memory .* write .* as \.npz"
+    ):
+        vx.write_map(tmp_path / f"m{ending}", grid)
+    vx.write_map(tmp_path / "m.npz", grid)

@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from .._checks import InputError
+from .._runtime.memory import check_memory
 from .._types import FREE, OCCUPIED, UNKNOWN
 from ..grid import VoxelGrid
 from .budget import Budget
@@ -20,6 +21,7 @@ from .octree import (
     INNER,
     NUM_KEYS,
     Leaves,
+    TreeLevel,
     bounding_box,
     children_of,
     paint,
@@ -138,6 +140,7 @@ def encode_bt(grid: VoxelGrid) -> bytes:
     if low is None:
         return write_header(BINARY_LINE, 0, grid.voxel_size)
     levels = prune(states, None, low)
+    _check_nodes(levels, ".bt", 350)
     keys, depths, words, num_nodes = [], [], [], 1
     for depth in range(DEPTH):
         index = np.argwhere(levels[depth].code == INNER)
@@ -166,9 +169,12 @@ def encode_ot(grid: VoxelGrid) -> bytes:
     low, states, log_odds = _known_box(grid)
     if low is None:
         return write_header(FULL_LINE, 0, grid.voxel_size)
+    # The most that was seen: 13 bytes for a voxel, most of them before nodes are made.
+    check_memory(13.0 * states.size, "the map as .ot", "write it as .npz", on_device=False)
     if log_odds is None:
         log_odds = np.array([0.0, LOG_ODDS_FREE, LOG_ODDS_OCCUPIED], np.float32)[states]
     levels = prune(states, _checked_log_odds(states, log_odds), low)
+    _check_nodes(levels, ".ot", 1000)
     keys, depths, nodes = [], [], []
     index = np.zeros((1, 3), np.int64)
     for depth, level in enumerate(levels):
@@ -205,6 +211,19 @@ def _box_of(leaves: list[Leaves], resolution: float) -> tuple[np.ndarray, tuple[
     low, shape = bounding_box(leaves)
     origin = ((low - NUM_KEYS // 2) * resolution).astype(np.float32)
     return low, (int(shape[0]), int(shape[1]), int(shape[2])), origin
+
+
+def _check_nodes(levels: list[TreeLevel], ending: str, bytes_per_inner: int) -> None:
+    """Refuse a tree for which the memory does not suffice, before its nodes are made.
+
+    Args:
+        levels: The tree as it was pruned.
+        ending: Ending of the file to write.
+        bytes_per_inner: The most that was seen for an inner node and its eight children [byte].
+    """
+    num_inner = sum(int(np.count_nonzero(level.code == INNER)) for level in levels)
+    need = float(num_inner * bytes_per_inner)
+    check_memory(need, f"the map as {ending}", "write it as .npz", on_device=False)
 
 
 def _known_box(grid: VoxelGrid) -> tuple[np.ndarray | None, np.ndarray, np.ndarray | None]:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._checks import InputError, shown
+from .._runtime.memory import check_memory
 from ..grid import VoxelGrid
 from .budget import Budget
 from .text_header import header_lines, whole_number
@@ -77,7 +78,13 @@ def decode_ply(data: bytes) -> np.ndarray:
 
 
 def encode_ply(grid: VoxelGrid) -> bytes:
-    """Bytes of the `.ply` cloud of the centres of the occupied voxels, float32 [m], binary little endian."""
+    """Bytes of the `.ply` cloud of the centres of the occupied voxels, float32 [m], binary little endian.
+
+    Raises:
+        InputError: If there is not enough memory.
+    """
+    # The most that was seen: 72 bytes for a point.
+    check_memory(80.0 * grid.num_occupied, "the cloud", "write the map as .npz", on_device=False)
     points = grid.occupied_points().astype("<f4")
     lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
     lines += [*(f"property float {axis}" for axis in "xyz"), "end_header", ""]
