@@ -170,7 +170,7 @@ class VoxelGrid(eqx.Module):
         )
 
     def with_voxel_size(self, voxel_size: float) -> VoxelGrid:
-        """The same map at another resolution, on the lattice of multiples of `voxel_size`.
+        """Return this map at another resolution, on the lattice of multiples of `voxel_size`.
 
         Coarser: a voxel is occupied if any of its parts is, else free if any part is free, and has the highest of
         their log-odds. Finer: voxels are split. The ratio may be any number: each fine voxel goes where its centre

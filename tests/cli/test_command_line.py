@@ -177,6 +177,10 @@ UNUSABLE = {
     "dangling out": (["convert", "m0.npz", "dangling.bt"], "leads nowhere"),
     "no value": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--report=--"], "--report"),
     "no seed": (["demo", "--seed", "nan"], "--seed"),
+    "negative seed": (["demo", "--seed=-1"], "from 0"),
+    "endless seed": (["demo", "--seed", "9" * 5000], "from 0"),
+    "no folder": (["demo", "--out", "m0.npz/x"], "cannot be made"),
+    "NUL in a folder": (["demo", "--out", "a\0b"], "cannot be made"),
     "nothing to draw": (["render", "void.npz", "-o", "p.png"], "no voxels"),
     "no such rule": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--rule", "best"], "best"),
 }  # fmt: skip

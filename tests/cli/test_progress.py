@@ -2,7 +2,7 @@
 
 import io
 
-from voxjax.cli.runtime import Progress
+from voxjax.cli.progress import Progress
 
 
 class _Terminal(io.StringIO):

@@ -3,15 +3,15 @@
 import argparse
 
 from .._runtime.whole_files import write_files
-from ..io import read_map
-from .outputs import MAP_ENDINGS, check_outputs, map_bytes
+from ..io import ENDINGS, encode_map, read_map
+from .outputs import check_outputs
 from .streams import tell
 
 
 def run(args: argparse.Namespace) -> int:
     """Convert a map and return the exit code."""
-    check_outputs([(args.output, MAP_ENDINGS)], force=args.force)
+    check_outputs([(args.output, ENDINGS)], force=args.force)
     grid = read_map(args.input, voxel_size=args.voxel_size)
-    write_files({args.output: map_bytes(args.output, grid)}, force=args.force)
+    write_files({args.output: encode_map(args.output, grid)}, force=args.force)
     tell(f"{args.output}: {grid!r}")
     return 0

@@ -11,8 +11,6 @@ from .outputs import check_outputs
 from .runtime import kept_kernels
 from .streams import tell
 
-HEADER = "x,y,z," + ",".join(f"n{row}{axis}" for row in (1, 2, 3) for axis in "xyz") + ",kind"
-
 
 @kept_kernels()
 def run(args: argparse.Namespace) -> int:
@@ -30,7 +28,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def corners_csv(corners: Corners) -> str:
-    """Position [m], the three unit normals into free space, "observed" or "virtual"; one corner a line."""
+    """A table with a corner a line: position [m], three unit normals into free space, "observed" or "virtual"."""
     mask = np.asarray(corners.mask)
     rows = zip(
         np.asarray(corners.position)[mask],
@@ -38,7 +36,7 @@ def corners_csv(corners: Corners) -> str:
         np.asarray(corners.is_observed)[mask],
         strict=True,
     )
-    lines = [HEADER]
+    lines = ["x,y,z," + ",".join(f"n{row}{axis}" for row in (1, 2, 3) for axis in "xyz") + ",kind"]
     for position, normals, is_observed in rows:
         numbers = [f"{value:.4f}" for value in position] + [f"{value:.5f}" for value in normals]
         lines.append(",".join([*numbers, "observed" if is_observed else "virtual"]))

@@ -1,7 +1,6 @@
 """`voxjax demo`: three generated robots, one map, checked against the truth."""
 
 import argparse
-import json
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,19 +10,18 @@ import numpy as np
 from .. import rigid
 from .._checks import InputError
 from .._runtime.whole_files import write_files
+from ..io import encode_map
 from ..metrics import PoseError, pose_error
 from ..pipeline.many import merge
+from ..pipeline.merged import Merge
 from ..pipeline.report import merge_report
 from ..synthetic import Team, simulate_team
 from ..view import draw_merge, encode_png
 from .merge import summary
-from .outputs import check_outputs, map_bytes
-from .runtime import Progress, kept_kernels
+from .outputs import check_outputs, json_bytes
+from .progress import Progress
+from .runtime import kept_kernels
 from .streams import tell, warn
-
-MAX_DEGREES = 3.0
-MAX_METRES = 0.4
-"""A pose within these is right: the generated maps drift by centimetres."""
 
 
 @kept_kernels()
@@ -32,21 +30,14 @@ def run(args: argparse.Namespace) -> int:
     start = time.perf_counter()
     folder = _folder(args.out)
     names = [f"robot_{n}.bt" for n in (1, 2, 3)]
-    paths = {name: str(folder / name) for name in [*names, "fused.bt", "report.json", "picture.png"]}
-    check_outputs([(path, (Path(path).suffix,)) for path in paths.values()], force=args.force)
+    outputs = [*names, "fused.bt", "report.json", "picture.png"]
+    check_outputs([(str(folder / name), (Path(name).suffix,)) for name in outputs], force=args.force)
     progress = Progress(quiet=args.quiet)
     progress("generate a building and scan it with three robots")
     team = simulate_team(args.seed, num_robots=3, overlap=0.2)
     merged = merge(team.grids, on_stage=progress)
     progress("draw and write")
-    contents = {paths[name]: map_bytes(name, grid) for name, grid in zip(names, team.grids, strict=True)}
-    report = merge_report(merged, team.grids, [paths[name] for name in names])
-    contents[paths["report.json"]] = (json.dumps(report, indent=1, allow_nan=False) + "\n").encode()
-    if merged.grid is not None:
-        contents[paths["fused.bt"]] = map_bytes("fused.bt", merged.grid)
-        labels = [name.removesuffix(".bt").replace("_", " ") for name in names]
-        picture = draw_merge(team.grids, merged.poses, merged.grid, names=labels)
-        contents[paths["picture.png"]] = encode_png(picture)
+    contents = _contents(folder, names, team, merged)
     write_files(contents, force=args.force)
     progress.finish()
     for line in summary(merged, names):
@@ -59,8 +50,27 @@ def run(args: argparse.Namespace) -> int:
     if merged.status != "merged":
         warn(f"not all maps were merged: {merged.reason}")
         return 3
-    if any(e is None or e.degrees > MAX_DEGREES or e.metres > MAX_METRES for e in errors):
-        warn(f"a pose is off by more than {MAX_DEGREES} deg or {MAX_METRES} m.")
+    return _judge(errors)
+
+
+def _contents(folder: Path, names: Sequence[str], team: Team, merged: Merge) -> dict[str, bytes]:
+    """The bytes of all files to write: without a fused map, the robots' maps and the report alone."""
+    paths = [str(folder / name) for name in names]
+    contents = {path: encode_map(path, grid) for path, grid in zip(paths, team.grids, strict=True)}
+    contents[str(folder / "report.json")] = json_bytes(merge_report(merged, team.grids, paths))
+    if merged.grid is not None:
+        fused = str(folder / "fused.bt")
+        contents[fused] = encode_map(fused, merged.grid)
+        labels = [name.removesuffix(".bt").replace("_", " ") for name in names]
+        picture = draw_merge(team.grids, merged.poses, merged.grid, names=labels)
+        contents[str(folder / "picture.png")] = encode_png(picture)
+    return contents
+
+
+def _judge(errors: Sequence[PoseError | None], *, max_degrees: float = 3.0, max_metres: float = 0.4) -> int:
+    """The exit code: 1 if a pose is farther off than the generated maps drift, which is by centimetres."""
+    if any(e is None or e.degrees > max_degrees or e.metres > max_metres for e in errors):
+        warn(f"a pose is off by more than {max_degrees} deg or {max_metres} m.")
         return 1
     return 0
 
@@ -84,6 +94,9 @@ def _folder(name: str) -> Path:
     folder = Path(name)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"the folder {folder} cannot be made: {error.strerror}.") from error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(
+            f"the folder {folder} cannot be made: {reason}; give another one to --out."
+        ) from error
     return folder

@@ -1,7 +1,6 @@
 """`voxjax merge`: maps in, one map out, or an honest refusal."""
 
 import argparse
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import numpy as np
 from .._checks import InputError
 from .._runtime.whole_files import write_files
 from ..grid import VoxelGrid
-from ..io import read_map
+from ..io import ENDINGS, encode_map, read_map
 from ..pipeline.config import Config
 from ..pipeline.many import merge
 from ..pipeline.merged import Merge
@@ -18,8 +17,9 @@ from ..pipeline.report import merge_report
 from ..view import check_page_support, draw_merge, encode_png, page_html
 from .guess import parse_guess
 from .inputs import check_inputs, read_config
-from .outputs import MAP_ENDINGS, check_outputs, map_bytes
-from .runtime import Progress, kept_kernels
+from .outputs import check_outputs, json_bytes
+from .progress import Progress
+from .runtime import kept_kernels
 from .streams import tell, warn
 
 
@@ -98,7 +98,7 @@ def _check(args: argparse.Namespace) -> None:
         raise InputError(f"--init-guess is the pose of one pair, so it needs two maps, got {len(args.maps)}.")
     check_inputs(args.maps)
     outputs = [
-        (args.output, MAP_ENDINGS),
+        (args.output, ENDINGS),
         (args.report, (".json",)),
         (args.picture, (".png",)),
         (args.html, (".html", ".htm")),
@@ -120,12 +120,12 @@ def _contents(
     contents = {}
     names = [Path(path).name for path in args.maps]
     if is_written and merged.grid is not None:
-        contents[args.output] = map_bytes(args.output, merged.grid)
+        contents[args.output] = encode_map(args.output, merged.grid)
         if args.picture is not None:
             contents[args.picture] = encode_png(draw_merge(grids, merged.poses, merged.grid, names=names))
         if args.html is not None:
             contents[args.html] = page_html(grids, merged.poses, merged.grid).encode()
     if args.report is not None:
         report = merge_report(merged, grids, args.maps, seconds={"read": progress.seconds.get("read", 0.0)})
-        contents[args.report] = (json.dumps(report, indent=1, allow_nan=False) + "\n").encode()
+        contents[args.report] = json_bytes(report)
     return contents

@@ -1,14 +1,11 @@
 """Output files: refused before the work when they cannot be written."""
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
 from .._checks import InputError
 from .._runtime.whole_files import check_writable
-from ..grid import VoxelGrid
-from ..io import ENDINGS, encode_map
-
-MAP_ENDINGS = ENDINGS
 
 
 def check_outputs(outputs: Sequence[tuple[str | None, tuple[str, ...]]], *, force: bool) -> None:
@@ -34,6 +31,6 @@ def check_outputs(outputs: Sequence[tuple[str | None, tuple[str, ...]]], *, forc
         seen.add(place)
 
 
-def map_bytes(name: str, grid: VoxelGrid) -> bytes:
-    """The bytes of a map in the format of the name's ending."""
-    return encode_map(name, grid)
+def json_bytes(value: dict) -> bytes:
+    """The bytes of a JSON file, which holds finite numbers only."""
+    return (json.dumps(value, indent=1, allow_nan=False) + "\n").encode()

@@ -179,7 +179,7 @@ def _add_demo(commands) -> None:
     command.add_argument(
         "--out", default="demo", metavar="DIR", help="folder for the files (made if missing)"
     )
-    command.add_argument("--seed", type=int, default=7, help="which building")
+    command.add_argument("--seed", type=whole_number, default=7, metavar="N", help="which building")
     _add_force(command)
     _add_quiet(command)
 
@@ -192,4 +192,15 @@ def positive_number(text: str) -> float:
         number = 0.0
     if not 0.0 < number < float("inf"):
         raise argparse.ArgumentTypeError(f"must be a number above 0, got {text!r}")
+    return number
+
+
+def whole_number(text: str) -> int:
+    """A whole number from 0 on that fits 64 bits."""
+    try:
+        number = int(text)
+    except ValueError:
+        number = -1
+    if not 0 <= number < 2**63:
+        raise argparse.ArgumentTypeError(f"must be a whole number from 0 to 2**63 - 1, got {text!r}")
     return number

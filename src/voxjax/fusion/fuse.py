@@ -15,12 +15,7 @@ from ..ops.resampling.rigid import chunk_size, flat_source, lookup_chunk, source
 from .rules import RULES, fuse_keep, fuse_log_odds, fuse_paper, log_odds_of_states
 from .soft import Lattice, check_soft_pose, fuse_soft, is_traced, soft_fuse_memory
 
-INTERPOLATIONS = ("nearest", "trilinear")
-
-ADVICE = "check the poses, leave out far maps, or give a larger voxel_size"
-
-FUSE_FIXED = 0.2e9
-"""Compiled kernels, and the chunks that are worked on [byte]."""
+_ADVICE = "check the poses, leave out far maps, or give a larger voxel_size"
 
 
 def fuse(
@@ -43,8 +38,8 @@ def fuse(
         poses: For each map the (4, 4) rigid transform of its points into the common frame, `T_world_map`.
         rule: "paper" (IV.D), "keep" (what any map knows), "log_odds" (sum of evidence), see `fusion.rules`;
             None is "log_odds" if every map has log-odds, else "keep".
-        voxel_size: Of the result [m]. None is the finest of the maps': no detail is lost, and the result
-            does not depend on their order. Maps finer than it are coarsened first, occupied parts winning.
+        voxel_size: Edge length of the result's voxels [m]. None is the finest of the maps': no detail is lost, and
+            the result does not depend on their order. Maps finer than it are coarsened first, occupied parts winning.
         interpolation: "nearest", or "trilinear" between log-odds, for the rule "log_odds" only (None is that
             rule here): the fused log-odds, which are not limited then, are differentiable in the poses and in
             the maps' log-odds under JAX's transformations, see `soft.fuse_soft`.
@@ -58,11 +53,13 @@ def fuse(
         InputError: If there is no map, a pose is missing or not rigid, the fused map would have more than
             2**31 - 1 voxels or need more memory than there is (`fuse_memory`), or the options do not go together.
     """
-    check_choice("interpolation", interpolation, INTERPOLATIONS)
+    check_choice("interpolation", interpolation, ("nearest", "trilinear"))
     if interpolation == "trilinear":
         return _fuse_trilinear(grids, poses, rule, voxel_size, onto)
     if onto is not None:
-        raise InputError('onto is for interpolation="trilinear", got interpolation="nearest".')
+        raise InputError(
+            'onto is for interpolation="trilinear", got interpolation="nearest"; leave it out or give that.'
+        )
     grids, matrices = _checked(grids, poses)
     if rule is None:
         rule = "log_odds" if all(grid.log_odds is not None for grid in grids) else "keep"
@@ -79,7 +76,7 @@ def fuse(
     need = fuse_memory(
         int(np.prod(shape)), [grid.states.size for grid in grids], has_log_odds=rule == "log_odds"
     )
-    check_memory(need, f"a fused map of {' x '.join(map(str, shape))} voxels of {voxel_size:g} m", ADVICE)
+    check_memory(need, f"a fused map of {' x '.join(map(str, shape))} voxels of {voxel_size:g} m", _ADVICE)
     sources = [
         _source(grid, T, voxel_size, low, bound)
         for grid, T, bound in zip(grids, matrices, bounds, strict=True)
@@ -96,8 +93,11 @@ def _fuse_trilinear(
     voxel_size: float | None,
     onto: VoxelGrid | None,
 ) -> VoxelGrid:
+    """`fuse` with interpolation="trilinear"."""
     if rule not in (None, "log_odds"):
-        raise InputError(f'interpolation="trilinear" is for rule="log_odds", got rule={rule!r}.')
+        raise InputError(
+            f'interpolation="trilinear" is for rule="log_odds", got rule={rule!r}; leave it out.'
+        )
     grids, matrices = _checked(grids, poses, check_soft_pose)
     if any(is_traced(part) for grid in grids for part in (grid.states, grid.origin)):
         raise InputError(
@@ -111,9 +111,9 @@ def _fuse_trilinear(
         target = Lattice(np.asarray(onto.origin), onto.shape, onto.voxel_size)
     else:
         target = _chosen_lattice(grids, matrices, voxel_size)
-    check_num_voxels(np.asarray(target.shape), "the fused map", ADVICE)
-    need = FUSE_FIXED + soft_fuse_memory(int(np.prod(target.shape)), [grid.states.size for grid in grids])
-    check_memory(need, f"a soft fused map of {' x '.join(map(str, target.shape))} voxels", ADVICE)
+    check_num_voxels(np.asarray(target.shape), "the fused map", _ADVICE)
+    need = soft_fuse_memory(int(np.prod(target.shape)), [grid.states.size for grid in grids])
+    check_memory(need, f"a soft fused map of {' x '.join(map(str, target.shape))} voxels", _ADVICE)
     states, log_odds = fuse_soft([_coarsened(grid, target.voxel_size) for grid in grids], matrices, target)
     return VoxelGrid(states, target.origin, target.voxel_size, log_odds)
 
@@ -133,6 +133,7 @@ def _chosen_lattice(grids: list[VoxelGrid], matrices: list, voxel_size: float | 
 
 
 def _coarsened(grid: VoxelGrid, voxel_size: float) -> VoxelGrid:
+    """The map, coarsened if it is finer: a lookup of nearest voxels would miss thin walls."""
     if grid.voxel_size >= voxel_size:
         return grid
     if is_traced(grid.log_odds):
@@ -158,24 +159,35 @@ def _common_box(bounds: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray
         return None
     low = np.min([low for low, _ in filled], axis=0)
     shape = np.max([high for _, high in filled], axis=0) - low
-    check_num_voxels(shape, "the fused map", ADVICE)
+    check_num_voxels(shape, "the fused map", _ADVICE)
     return low, shape
 
 
-def fuse_memory(num_fused: int, num_voxels: Sequence[int], *, has_log_odds: bool) -> float:
+def fuse_memory(
+    num_fused: int, num_voxels: Sequence[int], *, has_log_odds: bool, fixed: float = 0.2e9
+) -> float:
     """Estimated peak beside the maps themselves and the running process [byte]; `python -m bench memory` measures it.
 
     Args:
         num_fused: Voxels of the fused map: its states, the mask that counts them, its log-odds.
         num_voxels: Voxels of each map, padded by up to a half and copied to the device.
         has_log_odds: Whether log-odds are fused.
+        fixed: What any fusion takes: compiled kernels, and the chunks that are worked on [byte].
     """
     per_voxel = 5 if has_log_odds else 1
-    return FUSE_FIXED + num_fused * (per_voxel + 1.0) + 1.5 * per_voxel * (sum(num_voxels) + max(num_voxels))
+    return fixed + num_fused * (per_voxel + 1.0) + 1.5 * per_voxel * (sum(num_voxels) + max(num_voxels))
 
 
 class _Source(NamedTuple):
-    """A map on the device, and where it lies in the fused grid."""
+    """A map on the device, and where it lies in the fused grid.
+
+    Attributes:
+        states: Flat and padded, see `flat_source`.
+        log_odds: Flat and padded likewise, or None.
+        shape: Number of voxels along x, y, z before padding, int32.
+        affine: From voxels of the fused grid to those of the map, see `source_from_target`.
+        x_range: First and one past the last plane of the fused grid that the map can fill.
+    """
 
     states: jax.Array
     log_odds: jax.Array | None
@@ -187,6 +199,7 @@ class _Source(NamedTuple):
 def _source(
     grid: VoxelGrid, T: np.ndarray, voxel_size: float, low: np.ndarray, bound: tuple[np.ndarray, np.ndarray]
 ) -> _Source:
+    """Put a map on the device; `low` is the first cell of the fused grid, `bound` the cells that the map can fill."""
     log_odds = None if grid.log_odds is None else flat_source(np.asarray(grid.log_odds))
     affine = source_from_target(T, np.asarray(grid.origin), grid.voxel_size, low, voxel_size)
     x_range = int(bound[0][0] - low[0]), int(bound[1][0] - low[0])
@@ -205,8 +218,7 @@ def _fuse_chunks(
     target_shape = shape.astype(np.int32)
     for start in range(0, num_voxels, size):
         stop = min(start + size, num_voxels)
-        # The paper's rule asks which maps' boxes reach a voxel, and boxes reach farther than what is known
-        # in them.
+        # The paper's rule asks which maps' boxes reach a voxel, and boxes reach farther than what is known in them.
         near = [
             source
             for source in sources
@@ -225,6 +237,7 @@ def _fuse_chunks(
 def _fuse_chunk(
     sources: list[_Source], target_shape: np.ndarray, start: int, size: int, rule: str
 ) -> tuple[jax.Array, jax.Array | None]:
+    """States and, under the rule "log_odds", log-odds of `size` voxels of the fused grid from `start` on."""
     states, covered, odds = [], [], []
     for source in sources:
         index, is_inside = lookup_chunk(source.shape, source.affine, target_shape, np.int32(start), size=size)
@@ -245,6 +258,7 @@ def _fuse_chunk(
 def _checked(
     grids: Sequence[VoxelGrid], poses: Sequence[object], check: Callable[[str, object], Any] = check_pose
 ) -> tuple[list[VoxelGrid], list]:
+    """Maps and poses as lists of one length, each pose as `check` returns it."""
     grids, poses = list(grids), list(poses)
     if not grids:
         raise InputError("grids must hold at least one map, got none.")

@@ -14,11 +14,6 @@ from ..io.octomap import LOG_ODDS_FREE, LOG_ODDS_OCCUPIED
 
 RULES = ("paper", "keep", "log_odds")
 
-# One observation, as OctoMap counts it: probabilities 0.7 and 0.4. For maps that come without log-odds,
-# whose certainty is not known.
-LOG_ODDS_HIT = 0.85
-LOG_ODDS_MISS = -0.4
-
 
 @jax.jit
 def fuse_paper(
@@ -67,7 +62,7 @@ def fuse_log_odds(
 
     Args:
         states: 0 unknown, 1 free, 2 occupied; unknown voxels add nothing.
-        log_odds: Of each voxel.
+        log_odds: Evidence that each voxel is occupied.
 
     Returns:
         States (occupied where the sum is 0 or more, as OctoMap has it) and log-odds of the fused map, 0 where
@@ -85,5 +80,6 @@ def fuse_log_odds(
 @jax.jit
 def log_odds_of_states(states: UInt8[Array, "*voxels"]) -> Float32[Array, "*voxels"]:
     """Log-odds of one observation, for maps without probabilities: 0.85 occupied, -0.4 free, 0 unknown."""
-    values = jnp.asarray([0.0, LOG_ODDS_MISS, LOG_ODDS_HIT], jnp.float32)
+    # OctoMap counts one hit as a probability of 0.7 and one miss as 0.4; how sure such a map is, nobody knows.
+    values = jnp.asarray([0.0, -0.4, 0.85], jnp.float32)
     return values[states.astype(jnp.int32)]

@@ -24,7 +24,7 @@ class Lattice(NamedTuple):
     Attributes:
         origin: Outer corner (3,) [m].
         shape: Number of voxels along x, y, z.
-        voxel_size: [m].
+        voxel_size: Edge length of a voxel [m].
     """
 
     origin: np.ndarray
@@ -48,7 +48,7 @@ def fuse_soft(
     Args:
         grids: Maps; those without log-odds count as one observation a voxel. Log-odds may be traced, and float64.
         poses: `T_target_map` of each, rigid; may be traced.
-        target: Of the result.
+        target: Where the result lies.
 
     Returns:
         States uint8, and the sum of log-odds in the widest dtype of traced poses and log-odds, not limited to OctoMap's
@@ -60,7 +60,7 @@ def fuse_soft(
     is_known = jnp.zeros(target.shape, bool)
     for grid, log_odds, T in zip(grids, values, poses, strict=True):
         start, stop = _reached(grid, T, target)
-        if (stop <= start).any():
+        if (stop <= start).any():  # the map reaches no voxel of the target, or knows nothing
             continue
         affine = _affine(grid, T, target, start, dtype)
         window = tuple(slice(int(low), int(high)) for low, high in zip(start, stop, strict=True))
@@ -73,14 +73,15 @@ def fuse_soft(
     return jnp.where(is_known, known_state, UNKNOWN), total
 
 
-def soft_fuse_memory(num_fused: int, num_voxels: Sequence[int]) -> float:
-    """Estimated peak beside the maps themselves, without gradients [byte].
+def soft_fuse_memory(num_fused: int, num_voxels: Sequence[int], *, fixed: float = 0.2e9) -> float:
+    """Estimated peak beside the maps themselves and the running process, without gradients [byte].
 
     Args:
         num_fused: Voxels of the fused map: sum, resampled log-odds, a copy of one of them, states and masks.
         num_voxels: Voxels of each map: log-odds where it is known.
+        fixed: What any fusion takes: compiled kernels [byte].
     """
-    return 16.0 * num_fused + 9.0 * sum(num_voxels)
+    return fixed + 16.0 * num_fused + 9.0 * sum(num_voxels)
 
 
 def is_traced(value: object) -> bool:
@@ -105,6 +106,7 @@ def check_soft_pose(name: str, T: Any) -> Array:
 
 
 def _known_log_odds(grid: VoxelGrid) -> jax.Array:
+    """Log-odds (x, y, z), 0 where the map knows nothing, so that they add nothing."""
     states = jnp.asarray(grid.states)
     if grid.log_odds is None:
         return log_odds_of_states(states)
