@@ -265,3 +265,26 @@ def test_clouds_become_grids_on_the_lattice():
     )
     with pytest.raises(InputError, match="voxel_size"):
         vx.VoxelGrid.from_points(np.zeros((1, 3)), voxel_size=-1.0)
+
+
+def _room(origin, voxel_size=0.1):
+    states = np.ones((24, 22, 20), np.uint8)
+    states[[0, -1]] = states[:, [0, -1]] = states[:, :, [0, -1]] = 2
+    return VoxelGrid(states, np.full(3, origin, np.float32), voxel_size)
+
+
+def test_corners_of_a_map_far_from_the_origin_are_those_of_the_map_near_it():
+    shift = 2.0**17
+    near, far = vx.detect_corners(_room(0.0)), vx.detect_corners(_room(shift))
+    assert far.num_found == near.num_found == 8
+    a, b = (np.asarray(c.position)[np.asarray(c.mask)].astype(np.float64) for c in (near, far))
+    gap = np.linalg.norm(a[:, None] - (b - shift)[None], axis=2).min(axis=1)
+    assert gap.max() < 0.03
+
+
+def test_a_map_that_float32_cannot_place_is_refused():
+    for origin in (2.0**19, -(2.0**19), 1e11):
+        with pytest.raises(InputError, match="choose an origin near the map"):
+            vx.detect_corners(_room(origin))
+        with pytest.raises(InputError, match="choose an origin near the map"):
+            vx.refine(_room(0.0), _room(origin), np.eye(4))

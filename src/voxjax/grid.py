@@ -241,3 +241,20 @@ class VoxelGrid(eqx.Module):
         box = " ".join(f"{axis} {a:.2f}..{b:.2f}" for axis, a, b in zip("xyz", low, high, strict=True))
         odds = ", with log-odds" if self.log_odds is not None else ""
         return f"VoxelGrid({size} voxels of {self.voxel_size:g} m, {box} m, {shares}{odds})"
+
+
+def check_resolution(grid: VoxelGrid) -> None:
+    """Refuse a map whose places float32 rounds to more than an eighth of a voxel.
+
+    Files and fusion are exact on whole voxels; whatever measures positions is not.
+
+    Raises:
+        InputError: If the map lies too far from the origin of its frame.
+    """
+    farthest = float(np.abs(grid.extent).max())
+    step = float(np.spacing(np.float32(farthest)))
+    if step > grid.voxel_size / 4:
+        raise InputError(
+            f"a map with voxels of {grid.voxel_size:g} m that reaches {farthest:.4g} m from the origin of its frame is "
+            f"placed in steps of {step:.2g} m only (float32); choose an origin near the map."
+        )

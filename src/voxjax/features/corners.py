@@ -6,7 +6,7 @@ import numpy as np
 
 from .._checks import check_choice, check_positive
 from .._runtime.buckets import bucket_size, pad_rows
-from ..grid import VoxelGrid
+from ..grid import VoxelGrid, check_resolution
 from ..planes.extract import PlaneMap, extract_planes
 from ..planes.triples import PlaneTriples, intersect_planes
 from .cluster import suppress_duplicates
@@ -36,10 +36,12 @@ def detect_corners(
         `Corners`, observed ones first, then virtual ones, each strongest first; possibly none.
 
     Raises:
-        InputError: If the preset is unknown or a length is not positive.
+        InputError: If the preset is unknown, a length is not positive, or the map lies so far from the origin of its
+            frame that float32 cannot place its voxels.
     """
     check_choice("preset", preset, ("default", "paper"))
     check_positive("virtual_reach", virtual_reach, "m")
+    check_resolution(grid)
     if preset == "paper":
         return _padded(paper_corners(grid).corners)
     return corners_of_planes(

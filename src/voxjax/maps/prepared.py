@@ -7,7 +7,7 @@ from jaxtyping import Float32, Int32, UInt8, UInt32
 from .._runtime.placement import to_device
 from .._runtime.tables import as_table, table_lengths
 from .._types import Array
-from ..grid import VoxelGrid
+from ..grid import VoxelGrid, check_resolution
 from ..ops.evidence.map_tables import code_table, nearest_table
 from ..ops.surface.moments import surface_moments
 
@@ -111,8 +111,12 @@ def prepare_map(grid: VoxelGrid) -> PreparedMap:
 
     Args:
         grid: At the working voxel size, with at least one occupied voxel.
+
+    Raises:
+        InputError: If the map lies so far from the origin of its frame that float32 cannot place its voxels.
     """
     grid = grid.crop_to_known()
+    check_resolution(grid)
     states = np.asarray(grid.states)
     index = grid.occupied_index()
     cells, rows = table_lengths(states.size, len(index))

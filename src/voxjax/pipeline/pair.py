@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from .._checks import InputError, check_choice, check_pose, check_positive
+from .._checks import InputError, check_choice, check_pose, check_positive, shown
 from .._results import RESULTS
 from .._runtime.mappings import release_kernels_if_crowded
 from .._runtime.threads import spread
@@ -200,6 +200,10 @@ def _pose_range(
         return PoseRange(centroid, max_lean)
     if guess is None:
         raise InputError("guess_uncertainty needs an init_guess that it is about; give both or neither.")
-    for name, value in zip(("metres", "radians"), uncertainty, strict=True):
-        check_positive(f"guess_uncertainty ({name})", value, name)
+    if np.shape(uncertainty) != (2,):
+        raise InputError(
+            f"guess_uncertainty must be two numbers, metres and radians, got {shown(uncertainty)}."
+        )
+    for number, unit in enumerate(("metres", "radians")):
+        check_positive(f"guess_uncertainty[{number}]", uncertainty[number], unit)
     return PoseRange(centroid, max_lean, guess, *uncertainty)

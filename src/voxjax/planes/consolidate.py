@@ -211,7 +211,7 @@ def near_segments(
     """Ordered pairs of different segments that come within about `gap` of each other, by blocks of that edge."""
     used = labels >= 0
     block = np.floor(points[used] / gap).astype(np.int64)
-    block -= block.min(axis=0, initial=0) - 1
+    block -= block.min(axis=0) - 1 if len(block) else -1  # from the map on, however far out it lies
     shape = block.max(axis=0, initial=0) + 2
     strides = np.asarray([shape[1] * shape[2], shape[2], 1])
     key = np.unique(labels[used].astype(np.int64) * int(np.prod(shape)) + block @ strides)

@@ -96,7 +96,7 @@ def _thinned_support(plane_map: PlaneMap) -> tuple[np.ndarray, np.ndarray]:
     block = np.floor((points - points.min(axis=0, initial=0.0)) / (4.0 * plane_map.voxel_size)).astype(
         np.int64
     )
-    block -= block.min(axis=0, initial=0)
+    block -= block.min(axis=0) if len(block) else 0  # from the map on, however far out it lies
     shape = block.max(axis=0, initial=0) + 1
     key = labels.astype(np.int64) * int(np.prod(shape)) + np.ravel_multi_index(tuple(block.T), tuple(shape))
     _, first = np.unique(key, return_index=True)
