@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from oracles.motions import turned
 from voxjax import RESULTS, Registration, VoxelGrid
 from voxjax.registration.types import Evidence, Hypothesis, Verdict
 
@@ -40,10 +41,7 @@ def cube_map(number, *, size=6):
 
 def pose(angle, translation):
     """A pose: a turn about z [rad] and a translation."""
-    T = np.eye(4)
-    T[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-    T[:3, 3] = translation
-    return T
+    return turned("z", angle, translation)
 
 
 def fake_features(grid, *, voxel_size, config):

@@ -1,9 +1,9 @@
 """A small building given by formulas, drawn into a map in any frame: no scanner, no noise, exact truth."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 import voxjax as vx
+from oracles.motions import turned
 
 # Free space: rooms and doors of one storey [m], (low, high); furniture is cut out of it.
 ROOMS = (
@@ -66,7 +66,4 @@ def draw_map(T_map_world=None, *, voxel_size=0.15, rooms=ROOMS, furniture=FURNIT
 
 def pose(yaw=0.0, tilt=0.0, translation=(0.0, 0.0, 0.0)):
     """Yaw and tilt [deg], then a translation [m]."""
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_euler("zx", [yaw, tilt], degrees=True).as_matrix()
-    T[:3, 3] = translation
-    return T
+    return turned("zx", [yaw, tilt], translation, degrees=True)

@@ -9,12 +9,11 @@ from bench.worlds import MapPair
 from scipy.spatial.transform import Rotation
 
 import voxjax as vx
+from oracles.motions import pose_of
 
 
 def turn(rotvec, translation=(0.0, 0.0, 0.0)):
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = Rotation.from_rotvec(rotvec).as_matrix(), translation
-    return T
+    return pose_of(Rotation.from_rotvec(rotvec).as_matrix(), translation)
 
 
 def apply(T, points):

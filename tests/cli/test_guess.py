@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from oracles.motions import pose_of
 from voxjax import InputError
 from voxjax.cli.guess import parse_guess
 
@@ -15,9 +16,8 @@ _place = st.lists(st.floats(-100, 100), min_size=3, max_size=3)
 
 @given(place=_place, quaternion=_parts)
 def test_all_forms_give_the_same_pose(place, quaternion):
-    expected = np.eye(4)
-    expected[:3, :3] = Rotation.from_quat(quaternion).as_matrix()  # SciPy's order is x, y, z, w as well
-    expected[:3, 3] = place
+    # SciPy's order is x, y, z, w as well.
+    expected = pose_of(Rotation.from_quat(quaternion).as_matrix(), place)
     seven = " ".join(map(repr, [*place, *quaternion]))
     sixteen = ",".join(map(repr, expected.reshape(-1).tolist()))
     twelve = " ".join(map(repr, expected[:3].reshape(-1).tolist()))

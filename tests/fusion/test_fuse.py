@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import voxjax as vx
 from oracles import fusion as oracle
+from oracles.motions import pose_of, turned
 from voxjax import InputError, VoxelGrid
 from voxjax.fusion.fuse import fuse_memory
 
@@ -23,10 +23,7 @@ def make_grid(seed=0, shape=(6, 5, 4), low=(0, 0, 0), with_log_odds=False) -> Vo
 
 
 def pose(angle=0.4, shift=(0.3, -1.0, 0.2)) -> np.ndarray:
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_euler("zyx", (angle, 0.2, -0.1)).as_matrix()
-    T[:3, 3] = shift
-    return T
+    return turned("zyx", (angle, 0.2, -0.1), shift)
 
 
 @pytest.mark.parametrize("rule", RULES)
@@ -43,8 +40,7 @@ def test_a_map_at_identity_is_copied_voxel_for_voxel(rule):
 def test_shifted_maps_fuse_voxel_by_voxel(rule):
     a, b = make_grid(1, with_log_odds=True), make_grid(2, with_log_odds=True)
     shift = np.array([2, -1, 3])
-    T = np.eye(4)
-    T[:3, 3] = shift * SIZE
+    T = pose_of(translation=shift * SIZE)
     fused = vx.fuse([a, b], [I, T], rule=rule)
     np.testing.assert_allclose(fused.origin, [0, -SIZE, 0], atol=1e-6)
     assert fused.shape == (8, 6, 7)
@@ -86,9 +82,7 @@ def test_keep_of_three_maps_is_the_fold_of_pairs():
 
 def test_a_map_and_its_moved_copy_agree_again_when_moved_back():
     grid = make_grid(3, (12, 11, 10))
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_euler("z", 90, degrees=True).as_matrix()
-    T[:3, 3] = [0.7, -0.4, 1.2]
+    T = turned("z", 90, (0.7, -0.4, 1.2), degrees=True)
     assert vx.fuse([grid, grid.transformed(T)], [I, np.linalg.inv(T)], rule="keep") == grid
 
 
@@ -132,8 +126,7 @@ def test_the_result_can_be_written_as_an_octomap_file(tmp_path):
 @pytest.mark.parametrize("rule", RULES)
 def test_far_apart_maps_in_several_chunks_keep_all_their_voxels(rule):
     a, b = make_grid(1, with_log_odds=True), make_grid(2, with_log_odds=True)
-    T = np.eye(4)
-    T[:3, 3] = [15.0, 14.0, 13.0]
+    T = pose_of(translation=(15.0, 14.0, 13.0))
     fused = vx.fuse([a, b], [I, T], rule=rule)
     assert fused.states.size > 1 << 21
     assert fused.num_occupied == a.num_occupied + b.num_occupied

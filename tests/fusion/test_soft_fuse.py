@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import voxjax as vx
 from oracles import resampling as oracle
+from oracles.motions import turned
 from voxjax import InputError, VoxelGrid, rigid
 
 SIZE = 0.1
@@ -30,10 +30,7 @@ def with_log_odds(grid: VoxelGrid, log_odds) -> VoxelGrid:
 
 
 def pose(turn=(0.4, 0.2, -0.1), shift=(0.13, -0.07, 0.02)) -> np.ndarray:
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_euler("zyx", turn).as_matrix()
-    T[:3, 3] = shift
-    return T
+    return turned("zyx", turn, shift)
 
 
 def soft(grids, poses, onto=None) -> VoxelGrid:
@@ -154,14 +151,18 @@ def test_derivatives_are_finite_where_poses_are_special(T):
     a, b = make_grid(1), make_grid(2)
     onto = VoxelGrid(np.zeros((6, 5, 4), np.uint8), np.zeros(3), SIZE)
 
-    def loss(tangent, log_odds):
-        moved = rigid.exp(tangent) @ jnp.asarray(T, jnp.float32)
+    def loss(tangent, log_odds, T):
+        moved = rigid.exp(tangent) @ T
         fused = odds(soft([a, with_log_odds(b, log_odds)], [I, moved], onto))
         return jnp.sum(fused**2, dtype=jnp.float32)
 
-    at = jnp.zeros(6, jnp.float32), jnp.asarray(b.log_odds)
-    directions = jax.jvp(loss, at, tuple(jnp.ones_like(x) for x in at))
-    for gradient in (*jax.grad(loss, argnums=(0, 1))(*at), directions[1]):
+    @jax.jit
+    def derivatives(T):
+        at = jnp.zeros(6, jnp.float32), jnp.asarray(b.log_odds)
+        _, forward = jax.jvp(lambda *at: loss(*at, T), at, tuple(jnp.ones_like(x) for x in at))
+        return *jax.grad(loss, argnums=(0, 1))(*at, T), forward
+
+    for gradient in derivatives(jnp.asarray(T, jnp.float32)):
         assert np.isfinite(np.asarray(gradient)).all()
         if T[0, 3] == 50:
             assert not np.asarray(gradient).any()

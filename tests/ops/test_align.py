@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from oracles.motions import pose_of
 from voxjax.ops.evidence.align import align_poses
 from voxjax.ops.evidence.nearest import nearest_field
 
@@ -27,10 +28,7 @@ def start(points, degrees, metres, seed):
     rng = np.random.default_rng(seed)
     R = Rotation.from_rotvec(np.radians(degrees) * _unit(rng)).as_matrix()
     centre = points.mean(0)
-    T = np.eye(4)
-    T[:3, :3] = R
-    T[:3, 3] = centre - R @ centre + metres * _unit(rng)
-    return T.astype(np.float32)
+    return pose_of(R, centre - R @ centre + metres * _unit(rng)).astype(np.float32)
 
 
 def _unit(rng):

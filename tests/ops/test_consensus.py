@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 
 from oracles.descriptors import agree
+from oracles.motions import pose_of, random_rotation
 from voxjax.ops.descriptors.consensus import (
     agreement_matrix,
     greedy_cliques,
@@ -18,15 +19,12 @@ def unit(v):
 def random_matches(seed=0, n=40, num_right=25, noise=0.01):
     """Points and normals of matches of which the first `num_right` follow a random pose; and the pose."""
     rng = np.random.default_rng(seed)
-    R, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    R, t = R * np.sign(np.linalg.det(R)), rng.normal(size=3)
+    R, t = random_rotation(rng), rng.normal(size=3)
     points_b, normals_b = rng.uniform(-4, 4, (n, 3)), unit(rng.normal(size=(n, 3)))
     points_a, normals_a = points_b @ R.T + t + noise * rng.normal(size=(n, 3)), normals_b @ R.T
     points_a[num_right:] = rng.uniform(-4, 4, (n - num_right, 3))
     normals_a[num_right:] = unit(rng.normal(size=(n - num_right, 3)))
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R, t
-    return [x.astype(np.float32) for x in (points_a, normals_a, points_b, normals_b)], T
+    return [x.astype(np.float32) for x in (points_a, normals_a, points_b, normals_b)], pose_of(R, t)
 
 
 def agreement_of(matches, tolerance=0.2, mask=None, **options):

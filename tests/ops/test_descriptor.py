@@ -4,6 +4,7 @@ import pytest
 
 from compilations import assert_compiles_nothing
 from oracles.descriptors import histograms, plane_normal
+from oracles.motions import random_rotation
 from voxjax import InputError
 from voxjax.ops.descriptors import fpfh as descriptor
 from voxjax.ops.descriptors import items as descriptor_items
@@ -20,8 +21,7 @@ def bumpy_patch(seed=0, n=60):
 
 
 def rotation(seed):
-    q, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
-    return (q * np.sign(np.linalg.det(q))).astype(np.float32)
+    return random_rotation(np.random.default_rng(seed)).astype(np.float32)
 
 
 def near(points, radius):

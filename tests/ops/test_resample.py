@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from oracles import resampling as oracle
+from oracles.motions import pose_of
 from voxjax import InputError
 from voxjax.ops.resampling.interpolate import resample_nearest
 from voxjax.ops.resampling.rigid import resample_rigid, source_from_target
@@ -23,10 +24,7 @@ CUBE_ROTATIONS = [
 
 
 def make_pose(rotation=None, translation=(0.0, 0.0, 0.0)) -> np.ndarray:
-    T = np.eye(4, dtype=np.float32)
-    T[:3, :3] = np.eye(3) if rotation is None else rotation
-    T[:3, 3] = translation
-    return T
+    return pose_of(rotation, translation).astype(np.float32)
 
 
 def make_states(seed=0, shape=(6, 5, 4)) -> np.ndarray:

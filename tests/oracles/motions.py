@@ -4,15 +4,30 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 
+def pose_of(rotation=None, translation=(0.0, 0.0, 0.0)):
+    """A pose, float64 (4, 4), of a rotation, the identity if None, and a translation."""
+    T = np.eye(4)
+    T[:3, :3] = np.eye(3) if rotation is None else rotation
+    T[:3, 3] = translation
+    return T
+
+
+def turned(axes, angles, translation=(0.0, 0.0, 0.0), *, degrees=False):
+    """A pose of Euler angles, as SciPy names their axes, and a translation."""
+    return pose_of(Rotation.from_euler(axes, angles, degrees=degrees).as_matrix(), translation)
+
+
+def random_rotation(rng):
+    """A rotation (3, 3), all of them as likely."""
+    q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    return q * np.sign(np.linalg.det(q))
+
+
 def random_pose(rng, *, metres=5.0, degrees=180.0):
     """A pose, float64 (4, 4), with a translation up to `metres` an axis and an angle up to `degrees`."""
     axis = rng.normal(size=3)
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_rotvec(
-        axis / np.linalg.norm(axis) * np.radians(rng.uniform(0, degrees))
-    ).as_matrix()
-    T[:3, 3] = rng.uniform(-metres, metres, 3)
-    return T
+    rotvec = axis / np.linalg.norm(axis) * np.radians(rng.uniform(0, degrees))
+    return pose_of(Rotation.from_rotvec(rotvec).as_matrix(), rng.uniform(-metres, metres, 3))
 
 
 def moved(T, points):
@@ -33,7 +48,5 @@ def nudged(T, point, rng, *, metres, degrees):
     axis, shift = rng.normal(size=3), rng.normal(size=3)
     turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * np.radians(degrees)).as_matrix()
     image = moved(T, np.atleast_2d(point))[0] + shift / np.linalg.norm(shift) * metres
-    near = np.eye(4)
-    near[:3, :3] = turn @ T[:3, :3]
-    near[:3, 3] = image - near[:3, :3] @ np.asarray(point, np.float64)
-    return near
+    rotation = turn @ T[:3, :3]
+    return pose_of(rotation, image - rotation @ np.asarray(point, np.float64))

@@ -2,6 +2,7 @@ import numpy as np
 import octomap
 import pytest
 
+from oracles.motions import pose_of
 from voxjax._types import FREE, OCCUPIED
 from voxjax.synthetic import Lidar, make_building
 from voxjax.synthetic.lidar import Scan, take_scan
@@ -25,8 +26,7 @@ def walk(building):
 
 
 def test_scan_echoes_lie_on_surfaces(building):
-    T = np.eye(4)
-    T[:3, 3] = [*building.plan.rooms[0].polygon.mean(axis=0), 1.3]
+    T = pose_of(translation=[*building.plan.rooms[0].polygon.mean(axis=0), 1.3])
     scan = take_scan(
         np.random.default_rng(0), building, T, Lidar(range_noise=0.0, people=0.0, num_azimuths=90)
     )
@@ -36,8 +36,7 @@ def test_scan_echoes_lie_on_surfaces(building):
 
 
 def test_dropout_noise_and_people_show_in_scans(building):
-    T = np.eye(4)
-    T[:3, 3] = [*building.plan.rooms[0].polygon.mean(axis=0), 1.3]
+    T = pose_of(translation=[*building.plan.rooms[0].polygon.mean(axis=0), 1.3])
 
     def scan(**options):
         base = {"range_noise": 0.0, "dropout": 0.0, "people": 0.0, "num_azimuths": 90}
@@ -82,8 +81,7 @@ def test_states_follow_the_log_odds(walk):
 
 def test_hits_and_misses_add_up_and_stop_at_the_bounds():
     scan = Scan(np.asarray([[1.0, 0.01, 0.01], [1.0, 0.02, 0.02]]), 2)
-    T = np.eye(4)
-    T[:3, 3] = 0.05
+    T = pose_of(translation=[0.05] * 3)
     for count, hit, miss in ((1, 0.85, -0.4), (3, 2.55, -1.2), (9, 3.5, -2.0)):
         grid = build_map([scan] * count, np.stack([T] * count), voxel_size=0.1)
         odds = np.asarray(grid.log_odds)[:, 0, 0]

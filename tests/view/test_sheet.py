@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
+from oracles.motions import turned
 from voxjax import VoxelGrid
 from voxjax.view import draw_grid, draw_maps, draw_merge, encode_png, grid_png
 from voxjax.view.colors import SHARED_COLOR, color_by_height, map_color
@@ -19,15 +20,10 @@ def _random_grid(seed, shape=(9, 8, 7)):
     return _grid(rng.choice([0, 1, 2], shape, p=(0.4, 0.4, 0.2)), rng.integers(-4, 4, 3) * 0.5)
 
 
-def _turn_about_z(degrees, shift):
-    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    return np.asarray([[c, -s, 0, shift[0]], [s, c, 0, shift[1]], [0, 0, 1, shift[2]], [0, 0, 0, 1]])
-
-
 @pytest.mark.parametrize("turn", [0, 90, 180])
 def test_seen_by_is_the_chebyshev_distance_of_one_voxel(turn):
     grid, fused = _random_grid(1), _random_grid(2)
-    T = _turn_about_z(turn, (1.0, -0.5, 0.5)).astype(np.float32)
+    T = turned("z", turn, (1.0, -0.5, 0.5), degrees=True).astype(np.float32)
     moved = grid.occupied_points() @ T[:3, :3].T + T[:3, 3]
     nearest = cdist(fused.occupied_points(), moved, "chebyshev").min(axis=1)
     np.testing.assert_array_equal(seen_by([grid], [T], fused)[0], nearest < 0.75)
