@@ -1,0 +1,132 @@
+"""`voxjax merge` from the outside: exit codes, messages, files."""
+
+import json
+import resource
+from contextlib import redirect_stdout
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from command_line import WORLD, fake_register, files, one_line
+from fake_register import cube_map, pose
+from voxjax import read_map
+from voxjax._runtime.whole_files import write_files
+from voxjax.cli.main import main
+from voxjax.view import page
+
+
+def test_merge_writes_all_outputs_and_exits_with_0(monkeypatch, maps, capsys):
+    fake = fake_register(monkeypatch)
+    outputs = ["-o", "out.bt", "--report", "r.json", "--picture", "p.png"]
+    assert main(["merge", *maps, *outputs, "--gravity-aligned", "--preset", "paper"]) == 0
+    assert all(call["gravity_aligned"] and call["preset"] == "paper" for call in fake.calls)
+    report = json.loads(Path("r.json").read_text())
+    assert report["status"] == "merged"
+    assert [entry["path"] for entry in report["maps"]] == maps
+    np.testing.assert_allclose(
+        report["maps"][2]["T_world_map"], np.linalg.inv(WORLD[0]) @ WORLD[2], atol=1e-5
+    )
+    assert Path("p.png").read_bytes().startswith(b"\x89PNG")
+    assert read_map("out.bt").num_occupied > cube_map(0).num_occupied
+    assert report["voxel_size"] == read_map("out.bt").voxel_size
+    assert files() == [*maps, "out.bt", "p.png", "r.json"]
+    shown = capsys.readouterr()
+    assert "maps 0 and 1: hypotheses" in shown.err
+    assert "m1.npz: x 1.000, y -2.000, z 0.000 m" in shown.out
+
+
+@pytest.mark.skipif(find_spec("viser") is None, reason="needs the extra voxjax[view]")
+def test_the_page_is_written_with_the_map(monkeypatch, maps):
+    fake_register(monkeypatch)
+    assert main(["merge", *maps, "-o", "out.bt", "--html", "v.html", "-q"]) == 0
+    assert "<html" in Path("v.html").read_text(encoding="utf-8")
+
+
+def test_a_page_without_its_extra_is_refused_at_once(monkeypatch, maps, capsys):
+    fake = fake_register(monkeypatch)
+    monkeypatch.setattr(page, "find_spec", lambda name: None)
+    assert main(["merge", *maps, "-o", "out.bt", "--html", "v.html", "-q"]) == 2
+    assert "voxjax[view]" in one_line(capsys)
+    assert fake.calls == []
+
+
+def test_quiet_shows_no_progress(monkeypatch, maps, capsys):
+    fake_register(monkeypatch)
+    assert main(["merge", *maps, "-o", "out.npz", "-q"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("verdict", ["ambiguous", "no_overlap"])
+def test_without_trust_there_is_a_report_but_no_map_and_the_code_is_3(monkeypatch, maps, capsys, verdict):
+    fake_register(monkeypatch, verdicts={(0, 1): verdict})
+    code = main(["merge", *maps[:2], "-o", "out.bt", "--picture", "p.png", "--report", "r.json", "-q"])
+    assert code == 3
+    assert files() == [*maps, "r.json"]
+    pair = json.loads(Path("r.json").read_text())["pairs"][0]
+    assert not pair["accepted"]
+    assert verdict in pair["reason"]
+    np.testing.assert_allclose(pair["hypotheses"][0]["T_a_b"], np.linalg.inv(WORLD[0]) @ WORLD[1], atol=1e-5)
+    assert verdict in one_line(capsys)
+
+
+def test_a_stranger_needs_allow_partial(monkeypatch, maps, capsys):
+    fake_register(monkeypatch, verdicts={(0, 1): "no_overlap", (1, 2): "no_overlap"})
+    assert main(["merge", *maps, "-o", "out.bt", "-q"]) == 3
+    assert not Path("out.bt").exists()
+    assert "--allow-partial" in one_line(capsys)
+    assert main(["merge", *maps, "-o", "out.bt", "--report", "r.json", "--allow-partial", "-q"]) == 0
+    assert read_map("out.bt").num_occupied > 0
+    report = json.loads(Path("r.json").read_text())
+    assert report["status"] == "partial"
+    assert [entry["T_world_map"] is None for entry in report["maps"]] == [False, True, False]
+
+
+def test_a_map_beyond_the_limit_of_file_sizes_leaves_no_files(monkeypatch, maps, capsys):
+    from voxjax.cli import merge as command
+
+    def write_under_a_limit(contents, *, force):
+        before = resource.getrlimit(resource.RLIMIT_FSIZE)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (len(contents["m.npz"]) - 300, before[1]))
+        try:
+            write_files(contents, force=force)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+    fake_register(monkeypatch)
+    monkeypatch.setattr(command, "write_files", write_under_a_limit)
+    Path("report").mkdir()
+    assert main(["merge", *maps, "-o", "m.npz", "--report", "report/m.json", "-q"]) == 2
+    assert files() == [*maps, "report"]
+    assert not list(Path("report").iterdir())
+    assert "m.npz cannot be written: File too large" in one_line(capsys)
+
+
+@pytest.mark.parametrize("as_file", [False, True])
+def test_an_initial_guess_reaches_the_registration(monkeypatch, maps, as_file):
+    fake = fake_register(monkeypatch)
+    text = "1 2 3 0 0 0.7071068 0.7071068"
+    if as_file:
+        Path("guess.txt").write_text(f"# time x y z qx qy qz qw\n17.5 {text}\n")
+    assert main(["merge", *maps[:2], "-o", "o.bt", "--init-guess", "guess.txt" if as_file else text]) == 0
+    np.testing.assert_allclose(fake.calls[0]["init_guess"], pose(np.pi / 2, (1, 2, 3)), atol=1e-6)
+
+
+def test_settings_reach_the_registration(monkeypatch, maps):
+    fake = fake_register(monkeypatch)
+    Path("s.toml").write_text("[source]\ndescriptors = false\n")
+    assert main(["merge", *maps[:2], "-o", "o.bt", "--config", "s.toml", "-q"]) == 0
+    assert fake.calls[0]["config"].source.descriptors is False
+    assert fake.calls[0]["config"].source.corners is True
+
+
+@pytest.mark.parametrize(("verdict", "code"), [("accepted", 0), ("no_overlap", 3)])
+def test_a_merge_keeps_its_exit_code_when_nobody_reads_its_output(
+    monkeypatch, maps, pipe_without_reader, verdict, code
+):
+    fake_register(monkeypatch, verdicts={(0, 1): verdict})
+    with open(pipe_without_reader, "w", closefd=False) as nobody, redirect_stdout(nobody):
+        assert main(["merge", *maps[:2], "-o", "out.bt", "--report", "r.json", "-q"]) == code
+    assert Path("out.bt").exists() == (code == 0)
+    assert Path("r.json").exists()

@@ -1,0 +1,48 @@
+"""Arguments of the command line."""
+
+import argparse
+import subprocess
+import sys
+
+import pytest
+
+from command_line import one_line
+from voxjax.cli.parser import parse, positive_number, whole_number
+
+
+def test_help_imports_neither_jax_nor_numpy():
+    code = (
+        "import sys; from voxjax.cli.main import main; code = main(sys.argv[1:]); "
+        "sys.exit(code or sum(name in sys.modules for name in ('jax', 'numpy', 'equinox', 'scipy')))"
+    )
+    for arguments in (["--help"], ["merge", "--help"], ["--version"]):
+        done = subprocess.run(
+            [sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        assert "voxjax" in done.stdout
+
+
+@pytest.mark.parametrize("text", ["", " ", "nan", "inf", "-inf", "0", "-0", "-1", "1e400", "one", "9" * 5000])
+def test_lengths_are_finite_and_above_zero(text):
+    with pytest.raises(argparse.ArgumentTypeError, match="must be a number above 0, got"):
+        positive_number(text)
+
+
+@pytest.mark.parametrize("text", ["", "nan", "-1", "1.5", str(2**63), "9" * 5000])
+def test_seeds_are_whole_numbers_of_64_bits(text):
+    with pytest.raises(argparse.ArgumentTypeError, match="must be a whole number from 0"):
+        whole_number(text)
+
+
+def test_numbers_are_taken():
+    assert positive_number("1e-3") == 0.001
+    assert whole_number("9223372036854775807") == 2**63 - 1
+
+
+@pytest.mark.parametrize("option", ["--report", "--config", "--init-guess"])
+def test_an_option_without_a_value_is_refused(capsys, option):
+    with pytest.raises(SystemExit) as stop:
+        parse(["merge", "a.bt", "b.bt", "-o", "c.bt", f"{option}=--"])
+    assert stop.value.code == 2
+    assert f"argument {option}" in one_line(capsys)
