@@ -3,7 +3,7 @@ import pytest
 
 import voxjax as vx
 from voxjax import InputError, VoxelGrid
-from voxjax.io import ENDINGS
+from voxjax.io import ENDINGS, map_files
 
 
 def make_grid() -> VoxelGrid:
@@ -129,3 +129,13 @@ def test_a_map_that_cannot_be_packed_in_the_memory_is_refused(tmp_path, monkeypa
     ):
         vx.write_map(tmp_path / f"m{ending}", grid)
     vx.write_map(tmp_path / "m.npz", grid)
+
+
+def test_memory_that_the_system_does_not_grant_is_one_sentence(tmp_path, monkeypatch):
+    def decode(data, *, max_voxels):
+        raise MemoryError
+
+    vx.write_map(tmp_path / "m.bt", make_grid())
+    monkeypatch.setitem(map_files._DECODERS, ".bt", decode)
+    with pytest.raises(InputError, match=r"m\.bt cannot be read: this process may not take the memory"):
+        vx.read_map(tmp_path / "m.bt")
