@@ -2,8 +2,9 @@
 
     python -m bench corners [--maps FOLDER] [--only NAME,...] [--generated 6] [--seed 7100] [--out FILE]
 
-Of the points of one map that lie in the overlap (the other map, put in place by the truth, has an occupied voxel within
-five voxels), the share that has a point of the other map within two voxels; counted both ways. `chance` is the same
+Repeatability is the share of the points of one map in the overlap that have a point of the other map within two voxels,
+counted both ways; a point lies in the overlap if the other map, put in place by the truth, has an occupied voxel within
+five voxels. `chance` is the same
 for as many randomly chosen occupied voxels of each map: a detector that finds many points repeats by chance. Maps come
 from the folder (or $VOXJAX_MAPS) where there is one, and generated pairs always; seconds are of a warm run.
 """
@@ -161,7 +162,7 @@ def measure(pair: Pair, rng: np.random.Generator) -> list[dict]:
 
 
 def _drawn(rng: np.random.Generator, points: np.ndarray, count: int) -> np.ndarray:
-    """So many of the points, none twice."""
+    """A random choice of `count` points, none twice."""
     return points[rng.choice(len(points), min(count, len(points)), replace=False)]
 
 

@@ -169,7 +169,7 @@ def load_peers(names: Sequence[str]) -> list[Peer]:
     """The peers of those names, with their modules imported.
 
     Raises:
-        InputError: If a name is unknown, or a peer cannot be imported: with the way to install it.
+        InputError: If a name is unknown, or a peer cannot be imported; the message says how to install it.
     """
     known = {peer.name: peer for peer in PEERS}
     for name in names:
@@ -184,7 +184,7 @@ def require_module(peer: str, module: str, install: str) -> None:
     """Import a module that a peer needs.
 
     Raises:
-        InputError: If it cannot be imported: with the way to install it.
+        InputError: If it cannot be imported; the message says how to install it.
     """
     try:
         importlib.import_module(module)

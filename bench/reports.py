@@ -1,4 +1,4 @@
-"""What several benchmarks do with their results: JSON files, Markdown tables, names given by comma."""
+"""Helpers of several benchmarks: results as JSON files and Markdown tables, names given by comma."""
 
 import json
 from collections.abc import Sequence

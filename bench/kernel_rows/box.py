@@ -75,7 +75,7 @@ def opencv_adds(cv2, occupied: np.ndarray, size: int) -> np.ndarray:
 
 
 def _count(side: int, on_gpu: bool, *, has_targets: bool) -> KernelRow:
-    """All implementations of the count and what it is held against."""
+    """The row of the count: all implementations, and the references that it is held against."""
     host = (rooms(side) == OCCUPIED).astype(np.uint8)
     grid = jnp.asarray(host)
     ours = box_count.lower(grid, size=_SIZE).compile()

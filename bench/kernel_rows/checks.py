@@ -1,4 +1,4 @@
-"""What modules of rows do with the calls that they compare."""
+"""Checks of the calls that the modules of rows compare: equal results, temporary memory."""
 
 from collections.abc import Callable
 

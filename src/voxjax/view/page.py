@@ -25,7 +25,7 @@ def check_page_support() -> None:
     """Raise if the library behind the page is not installed.
 
     Raises:
-        InputError: With what to install.
+        InputError: If it is not installed; the message says what to install.
     """
     if find_spec("viser") is None:
         raise InputError(
