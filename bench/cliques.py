@@ -23,7 +23,6 @@ from bench.reports import write_json
 from bench.timing import setting
 from voxjax.matching.associations import all_associations
 from voxjax.matching.cliques.maximum import maximum_clique
-from voxjax.matching.cliques.weighted import maximum_weight_clique
 from voxjax.matching.consistency import pairwise_consistency
 
 
@@ -93,9 +92,8 @@ def best_of(rounds: int, call: Callable[[], Any]) -> tuple[Any, float, float]:
 def measure_ours(
     points: tuple[np.ndarray, np.ndarray], kind: GraphClass, seed: int, rounds: int
 ) -> list[dict]:
-    """Rows of voxjax: the clique, all its ties, and the weighted variant."""
+    """Rows of voxjax: the clique, and all its ties."""
     adjacency, build_s, _ = best_of(rounds, lambda: build(points, kind))
-    weights = np.random.default_rng([seed, 1]).uniform(0.5, 1.0, len(adjacency))
     found, median, least = best_of(rounds, lambda: maximum_clique(adjacency))
     rows = [_row("voxjax", len(found.members), build_s, median, least, found.completed)]
     found, median, least = best_of(rounds, lambda: maximum_clique(adjacency, all_maximum=True))
@@ -104,8 +102,6 @@ def measure_ours(
             f"voxjax, {len(found.ties)} ties", len(found.members), build_s, median, least, found.has_all_ties
         )
     )
-    heavy, median, least = best_of(min(rounds, 2), lambda: maximum_weight_clique(adjacency, weights))
-    rows.append(_row("voxjax, weighted", len(heavy.members), build_s, median, least, heavy.completed))
     return rows
 
 

@@ -106,7 +106,7 @@ def test_the_nearest_rotation_is_scipys_and_never_a_reflection(place):
     assert found.dtype == np.float32
     np.testing.assert_allclose(np.linalg.det(np.asarray(found)), 1.0, atol=1e-5)
     for rotation, a, b in zip(np.asarray(found), turned, points, strict=True):
-        expected, _ = Rotation.align_vectors(a.astype(np.float64), b.astype(np.float64))
+        expected = Rotation.align_vectors(a.astype(np.float64), b.astype(np.float64))[0]
         np.testing.assert_allclose(rotation, expected.as_matrix(), atol=2e-4)
     np.testing.assert_allclose(rigid.nearest_rotation(place(covariance[1])), found[1], atol=1e-5)
 

@@ -11,6 +11,7 @@ tiny problems inside a search, lose no digits and compile nothing. Inside kernel
 import functools
 import math
 from collections.abc import Sequence
+from typing import overload
 
 import jax
 import jax.numpy as jnp
@@ -147,6 +148,10 @@ def from_rotation_translation(
     return jnp.concatenate([top, bottom], axis=-2)
 
 
+@overload
+def inverse(T: Float[np.ndarray, "*batch 4 4"]) -> Float[np.ndarray, "*batch 4 4"]: ...
+@overload
+def inverse(T: Float[jax.Array, "*batch 4 4"]) -> Float[jax.Array, "*batch 4 4"]: ...
 def inverse(T: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 4 4"]:
     """Inverse pose, by transposition: `T_b_a` of `T_a_b`; a NumPy array gives a NumPy array."""
     if isinstance(T, np.ndarray):
@@ -159,6 +164,10 @@ def inverse(T: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 4 4"]:
     return from_rotation_translation(rotation_t, -_matmul(rotation_t, T[..., :3, 3:])[..., 0])
 
 
+@overload
+def nearest_rotation(matrix: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 3 3"]: ...
+@overload
+def nearest_rotation(matrix: Float[jax.Array, "*batch 3 3"]) -> Float[jax.Array, "*batch 3 3"]: ...
 def nearest_rotation(matrix: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3 3"]:
     """Proper rotation R with the largest `trace(R.T @ matrix)`: the nearest one; never a reflection.
 

@@ -8,7 +8,8 @@ from oracles.matching import consistency, is_clique, largest_common_subgraph
 from oracles.motions import moved, random_pose
 from voxjax import RESULTS, InputError, consistency_graph, maximum_common_subgraph
 from voxjax.matching.backtracking import EARLY_COST, backtrack
-from voxjax.matching.common_subgraph import close_corners, subgraph_from_graph
+from voxjax.matching.common_subgraph import subgraph_from_graph
+from voxjax.matching.early_transform import close_corners
 
 
 def clouds(seed, n, m, shared, noise=0.0):
@@ -170,43 +171,9 @@ def test_a_graph_made_before_gives_the_same():
     assert subgraph_from_graph(graph, max_ties=1).associations.tolist() == direct.associations.tolist()
 
 
-def test_near_ties_are_listed_with_slack():
-    square = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]])
-    far = np.concatenate([square, [[9.0, 1.0, 0.0]]])
-    found = maximum_common_subgraph(corners_at(square), corners_at(far), distance_tolerance=0.1, slack=1)
-    assert len(found) == 4
-    assert found.has_all_near_ties
-    assert all(len(near) == 3 for near in found.near_ties)
-    assert found.weight == 4.0
-
-
-def test_weights_decide_between_sets():
-    a, b, _ = clouds(11, 8, 8, 8)
-    true, other = np.array([[k, k] for k in range(8)]), np.array([[0, 3], [5, 1]])
-    pairs = np.concatenate([true, other])
-    weights = np.r_[np.full(8, 0.5), 6.0, 0.1]
-    found = maximum_common_subgraph(
-        corners_at(a), corners_at(b), distance_tolerance=0.05, associations=pairs, weights=weights
-    )
-    assert [0, 3] in found.associations.tolist()
-    assert found.weight >= 6.0
-    equal = maximum_common_subgraph(
-        corners_at(a), corners_at(b), distance_tolerance=0.05, associations=pairs, weights=np.ones(10)
-    )
-    assert equal.associations.tolist() == true.tolist()
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"method": "backtracking", "slack": 1},
-        {"method": "backtracking", "max_seconds": 1.0},
-        {"weights": np.ones(9)},
-        {"weights": np.ones(2), "associations": np.array([[0, 0]])},
-        {"weights": np.ones(1), "associations": np.array([[0, 0]]), "match_kinds": True},
-    ],
-)
-def test_options_that_exclude_each_other_are_refused(options):
+def test_a_time_budget_needs_the_clique_search():
     a = np.eye(3)
-    with pytest.raises(InputError):
-        maximum_common_subgraph(corners_at(a), corners_at(a), distance_tolerance=0.1, **options)
+    with pytest.raises(InputError, match="max_seconds"):
+        maximum_common_subgraph(
+            corners_at(a), corners_at(a), distance_tolerance=0.1, method="backtracking", max_seconds=1.0
+        )

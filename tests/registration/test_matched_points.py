@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 from oracles.motions import nudged, pose_error, random_pose
 from oracles.rooms import VOXEL, furnished_room
 from voxjax import VoxelGrid
-from voxjax.matching.common_subgraph import kabsch
+from voxjax.matching.early_transform import kabsch
 from voxjax.registration.paper.matched_points import NeighbouringPoints, align_matches, fit_points
 
 CORNERS = np.array(

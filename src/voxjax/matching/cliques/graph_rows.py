@@ -20,17 +20,15 @@ def pack(graph: np.ndarray) -> np.ndarray:
     return packed.view(np.uint64)
 
 
-def upper_edges(matrix: np.ndarray) -> np.ndarray:
-    """Edges (e, 2) of a symmetric Boolean matrix, the smaller node first, in lexicographic order.
+def edges_of_rows(rows: np.ndarray) -> np.ndarray:
+    """Edges (e, 2) of a symmetric graph, the smaller node first, in lexicographic order; the diagonal is ignored.
+
+    Args:
+        rows: Packed rows.
 
     Raises:
         InputError: If an edge has one direction only.
     """
-    return edges_of_rows(pack(matrix))
-
-
-def edges_of_rows(rows: np.ndarray) -> np.ndarray:
-    """`upper_edges` of packed rows; the diagonal is ignored."""
     one, low = np.uint64(1), np.uint64(63)
     node, word = np.nonzero(rows)
     is_upper = word >= node >> 6

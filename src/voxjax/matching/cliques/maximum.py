@@ -32,8 +32,6 @@ class Clique(NamedTuple):
         ties: All maximum cliques that were asked for, the first is `members`.
         has_all_ties: Whether `ties` is complete.
         num_nodes: Nodes of the search tree that were visited.
-        near_ties: Maximal cliques that are smaller by `slack` nodes at most, largest first; of two nodes or more.
-        has_all_near_ties: Whether `near_ties` is complete.
         stopped_by: Which limit of the budget was hit, None for none.
     """
 
@@ -42,8 +40,6 @@ class Clique(NamedTuple):
     ties: tuple[np.ndarray, ...]
     has_all_ties: bool
     num_nodes: int
-    near_ties: tuple[np.ndarray, ...] = ()
-    has_all_near_ties: bool = True
     stopped_by: Limit | None = None
 
 
@@ -53,7 +49,6 @@ def maximum_clique(
     max_nodes: int = MAX_SEARCH_NODES,
     max_seconds: float | None = None,
     all_maximum: bool = False,
-    slack: int = 0,
     max_cliques: int = 64,
 ) -> Clique:
     """Largest set of nodes that are all joined to each other.
@@ -63,67 +58,43 @@ def maximum_clique(
         max_nodes: Budget of the search tree. When it is spent, the largest clique so far is returned.
         max_seconds: Budget of time [s], or None. Where it ends a search, the result depends on the machine.
         all_maximum: Whether to list all cliques of the largest size.
-        slack: Also list the maximal cliques that are smaller by so many nodes at most; includes `all_maximum`.
-        max_cliques: At most so many of the largest size, and so many smaller ones.
+        max_cliques: How many of them are listed at most.
 
     Returns:
         The clique; of several, the one found first in a fixed order. Empty for a graph without nodes.
 
     Raises:
-        InputError: If the matrix is not square or not symmetric, or the slack or the time is negative.
+        InputError: If the matrix is not square or not symmetric, or the time is not positive.
 
     References:
         Section IV.B: the maximum common subgraph is the maximum clique of the association graph.
     """
-    matrix = check_square(adjacency)
-    if slack < 0:
-        raise InputError(f"slack must be 0 nodes or more, got {slack}.")
+    matrix = np.asarray(adjacency)
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+        raise InputError(f"adjacency must be a square matrix, got shape {matrix.shape}.")
     if max_seconds is not None:
         check_positive("max_seconds", max_seconds, "s")
     budget = Budget(max_nodes, max_seconds)
     if not len(matrix):
         empty = np.zeros(0, np.int32)
         return Clique(empty, True, (empty,), True, 0)
-    rows = without_diagonal(pack(matrix))
+    rows = _without_diagonal(pack(matrix))
     edges = edges_of_rows(rows)
     if not len(edges):
-        return _edgeless(len(matrix), all_maximum or slack > 0, max_cliques)
+        return _edgeless(len(matrix), all_maximum, max_cliques)
     bound = quick_clique(rows, edges)
-    wants_all = all_maximum or slack > 0
-    size = len(bound) + 1 - int(wants_all) - slack
+    # Ties are as large as the bound may be; a single clique is only worth a search if it is larger.
+    size = len(bound) + 1 - int(all_maximum)
     part = _Part.usable(rows, edges, max(size, 2))
     best, completed = part.largest(bound, budget)
-    ties, has_all_ties, near, has_all_near = [best], False, [], slack == 0
-    if wants_all and completed:
+    ties, has_all_ties = [best], False
+    if all_maximum and completed:
         ties, has_all_ties = part.all_of_size(len(best), max_cliques, budget)
-        if has_all_ties and slack:
-            near, has_all_near = part.smaller(len(best), slack, max_cliques, budget)
     found = _sorted(ties or [best])
-    return Clique(
-        found[0],
-        completed,
-        found,
-        has_all_ties,
-        budget.num_nodes,
-        _sorted(near),
-        has_all_near,
-        budget.stopped_by,
-    )
+    return Clique(found[0], completed, found, has_all_ties, budget.num_nodes, budget.stopped_by)
 
 
-def check_square(adjacency: Array) -> np.ndarray:
-    """The matrix on the host.
-
-    Raises:
-        InputError: If it is not square.
-    """
-    matrix = np.asarray(adjacency)
-    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
-        raise InputError(f"adjacency must be a square matrix, got shape {matrix.shape}.")
-    return matrix
-
-
-def without_diagonal(rows: np.ndarray) -> np.ndarray:
+def _without_diagonal(rows: np.ndarray) -> np.ndarray:
     """Packed rows of a square matrix with the diagonal cleared, in place."""
     node = np.arange(len(rows))
     rows[node, node >> 6] &= ~(np.uint64(1) << (node & 63).astype(np.uint64))
@@ -137,9 +108,8 @@ def _edgeless(count: int, wants_all: bool, max_cliques: int) -> Clique:
 
 
 def _sorted(cliques: list[np.ndarray]) -> tuple[np.ndarray, ...]:
-    """Members in increasing order; largest cliques first, then in lexicographic order."""
-    members = (np.sort(clique).astype(np.int32) for clique in cliques)
-    return tuple(sorted(members, key=lambda clique: (-len(clique), tuple(clique))))
+    """Cliques of one size in lexicographic order, members in increasing order."""
+    return tuple(sorted((np.sort(clique).astype(np.int32) for clique in cliques), key=tuple))
 
 
 @dataclass(frozen=True)
@@ -196,15 +166,3 @@ class _Part:
 
         search.run(self.graph, self.edges, self.shared, record)
         return found, not search.stopped
-
-    def smaller(
-        self, largest: int, slack: int, max_cliques: int, budget: Budget
-    ) -> tuple[list[np.ndarray], bool]:
-        """The maximal cliques of `largest - slack` to `largest - 1` nodes, and whether these are all."""
-        found: list[np.ndarray] = []
-        for size in range(largest - 1, max(largest - slack, 2) - 1, -1):
-            more, has_all = self.all_of_size(size, max_cliques - len(found), budget)
-            found += more
-            if not has_all:
-                return found, False
-        return found, True

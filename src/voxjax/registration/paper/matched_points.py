@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 
 from ..._runtime.buckets import pad_rows, wide_bucket_size
 from ..._types import Array
-from ...matching.common_subgraph import Align, kabsch
+from ...matching.early_transform import Align, kabsch
 from ...refinement.residuals.losses import robustify
 from ...refinement.solve.equations import move_about
 from .settings import PaperConfig

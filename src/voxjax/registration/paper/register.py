@@ -10,8 +10,8 @@ from ..._results import RESULTS
 from ...features.corners import Corners, detect_corners
 from ...grid import VoxelGrid
 from ...matching.backtracking import backtrack
-from ...matching.common_subgraph import close_corners
 from ...matching.consistency import consistency_graph
+from ...matching.early_transform import close_corners
 from ..hypotheses.settings import EvidenceConfig
 from ..types import Registration
 from .matched_points import NeighbouringPoints, align_matches
