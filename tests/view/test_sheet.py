@@ -7,7 +7,7 @@ from scipy.spatial.distance import cdist
 from oracles.motions import turned
 from voxjax import VoxelGrid
 from voxjax.view import draw_grid, draw_maps, draw_merge, encode_png, grid_png
-from voxjax.view.colors import SHARED_COLOR, color_by_height, map_color
+from voxjax.view.colors import SHARED_COLOR, map_color
 from voxjax.view.sheet import seen_by, share_colors
 
 
@@ -67,12 +67,13 @@ def test_the_ceiling_hides_the_rooms_unless_it_is_cut():
     assert not np.array_equal(open_room, closed)
 
 
-def test_heights_give_different_colors_and_equal_heights_one():
-    colors = color_by_height(np.linspace(0.0, 5.0, 50))
-    assert len(np.unique(colors, axis=0)) > 30
-    assert len(np.unique(color_by_height(np.full(5, 2.0)), axis=0)) == 1
-
-
 def test_grid_png_is_the_picture_of_the_grid():
     grid = _random_grid(5)
     assert grid_png(grid, width=80, height=60) == encode_png(draw_grid(grid, width=80, height=60))
+
+
+def test_a_sheet_is_as_wide_as_asked():
+    grid = _random_grid(6)
+    margins = 2 * 24
+    assert draw_merge([grid, grid], [np.eye(4)] * 2, grid, width=400).shape[1] == 400 + margins
+    assert draw_maps([grid, grid], width=300).shape[1] == 300 + margins
