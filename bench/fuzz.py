@@ -165,9 +165,7 @@ class Result(NamedTuple):
     @property
     def failures(self) -> dict[str, int]:
         """How often each failure was seen."""
-        return {
-            outcome: count for outcome, count in self.counts.items() if outcome not in ("read", "refused")
-        }
+        return {outcome: count for outcome, count in self.counts.items() if outcome not in FINE}
 
 
 def fuzz(

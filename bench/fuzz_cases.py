@@ -181,17 +181,13 @@ def _edited_inside(archive: bytes, edit: Edit) -> bytes | None:
         return None
     name = sorted(contents)[edit.value // 7 % len(contents)]
     contents[name] = _edited(contents[name], next(iter(contents.values())), edit)
-    methods = (
-        zipfile.ZIP_DEFLATED,
-        zipfile.ZIP_DEFLATED,
-        zipfile.ZIP_STORED,
-        zipfile.ZIP_LZMA,
-        zipfile.ZIP_BZIP2,
-    )
+    plain, packed = zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED
+    methods = (packed, packed, plain, zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2)
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", methods[edit.value % len(methods)]) as file:
+    with zipfile.ZipFile(buffer, "w") as file:
         for name, content in contents.items():
-            file.writestr(name, content)
+            entry = zipfile.ZipInfo(name)  # its date is fixed, so that the same edits give the same bytes
+            file.writestr(entry, content, methods[edit.value % len(methods)])
     return buffer.getvalue()
 
 
