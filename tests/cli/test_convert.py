@@ -1,7 +1,10 @@
 """`voxjax convert`: any readable format to any writable one."""
 
+from pathlib import Path
+
 import numpy as np
 
+from command_line import one_line
 from fake_register import cube_map
 from voxjax import read_map
 from voxjax.cli.main import main
@@ -19,3 +22,11 @@ def test_a_map_can_be_converted_in_place(maps):
     assert main(["convert", "m0.npz", "m0.npz"]) == 2
     assert main(["convert", "m0.npz", "m0.npz", "--voxel-size", "1.0", "--force"]) == 0
     assert read_map("m0.npz").equals(cube_map(0).with_voxel_size(1.0))
+
+
+def test_devices_are_no_outputs_even_with_force(maps, capsys):
+    Path("full.bt").symlink_to("/dev/full")
+    for name, words in (("/dev/full", "the ending must be"), ("full.bt", "full.bt is a device or a pipe")):
+        assert main(["convert", "m0.npz", name, "--force"]) == 2
+        assert words in one_line(capsys)
+    assert Path("full.bt").is_symlink()
