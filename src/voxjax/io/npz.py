@@ -138,10 +138,10 @@ def _read_array(
     """One array; its header is checked before any memory is taken for what it promises.
 
     Args:
-        archive: Where it lies.
+        archive: The whole file.
         name: Name of the array.
-        expected: Its shape, None for an axis of any length.
-        budget: What it may take.
+        expected: Shape of the array in a map, None for an axis of any length.
+        budget: Limits of the file.
         held: Memory that other arrays of this file take [byte].
 
     Raises:

@@ -17,10 +17,10 @@ class Header(NamedTuple):
     """What a header says.
 
     Attributes:
-        tree_type: Such as "OcTree".
-        num_nodes: Inner nodes and leaves.
+        tree_type: Name of the kind of nodes, such as "OcTree".
+        num_nodes: Number of inner nodes and leaves.
         resolution: Edge length of a voxel [m].
-        start: First byte of the data.
+        start: Where the data begin [byte].
     """
 
     tree_type: str

@@ -30,7 +30,7 @@ class Element(NamedTuple):
     """One element of the header.
 
     Attributes:
-        name: Such as "vertex".
+        name: Name of the element, such as "vertex".
         count: Number of rows.
         properties: Names and NumPy type codes; the code is None for a list.
     """
