@@ -35,7 +35,7 @@ def nearest_field(
 ) -> UInt32[Array, "flat_size"]:
     """Key of the nearest listed voxel for every voxel of a block, exact up to `radius`.
 
-    Ties go to the voxel listed first. Equals a brute-force search; see `tests/ops/test_nearest.py`.
+    Ties go to the voxel listed first. Equals a brute-force search; see `tests/ops/evidence/test_nearest.py`.
 
     Args:
         index: Listed (occupied) voxels inside the block.

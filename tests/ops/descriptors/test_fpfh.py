@@ -2,36 +2,17 @@ import jax
 import numpy as np
 import pytest
 
+from bumpy_patches import bumpy_patch, describe, near
 from compilations import assert_compiles_nothing
 from oracles.descriptors import histograms, plane_normal
 from oracles.motions import random_rotation
 from voxjax import InputError
 from voxjax.ops.descriptors import fpfh as descriptor
-from voxjax.ops.descriptors import items as descriptor_items
 from voxjax.ops.descriptors.fpfh import point_feature_histograms, surface_normals
-from voxjax.ops.descriptors.tiles import near_tiles, point_tree
-
-
-def bumpy_patch(seed=0, n=60):
-    rng = np.random.default_rng(seed)
-    xy = rng.uniform(-1, 1, (n, 2))
-    points = np.c_[xy, 0.3 * np.sin(3 * xy[:, 0]) + 0.05 * rng.normal(size=n)].astype(np.float32)
-    normals = rng.normal(size=(n, 3)) + np.array([0.0, 0.0, 2.0])
-    return points, (normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32)
 
 
 def rotation(seed):
     return random_rotation(np.random.default_rng(seed)).astype(np.float32)
-
-
-def near(points, radius):
-    return near_tiles(point_tree(points), radius)
-
-
-def describe(points, normals, radius=0.6, **options):
-    return np.asarray(
-        point_feature_histograms(points, normals, near(points, radius), radius=radius, spacing=0.2, **options)
-    )
 
 
 @pytest.mark.parametrize("num_bins", [4, 5, 11])
@@ -46,26 +27,6 @@ def test_tiles_of_a_larger_radius_do_not_change_the_histograms():
     points, normals = bumpy_patch()
     wide = point_feature_histograms(points, normals, near(points, 1.5), radius=0.6, spacing=0.2)
     np.testing.assert_allclose(wide, describe(points, normals), atol=1e-6)
-
-
-def test_all_neighbours_count_however_many_there_are():
-    points, normals = bumpy_patch(5, n=400)
-    expected = histograms(points.astype(float), normals.astype(float), 0.9, 0.2, 11)
-    near_all = near(points, 0.9)
-    assert np.bincount(near_all.own).max() >= 3  # more than one item a tile
-    found = point_feature_histograms(points, normals, near_all, radius=0.9, spacing=0.2)
-    np.testing.assert_allclose(found, expected, atol=2e-3)
-
-
-@pytest.mark.parametrize("items", [1, 3])
-def test_pieces_do_not_change_the_results(items, monkeypatch):
-    points, normals = bumpy_patch(5, n=150)
-    whole = describe(points, normals), surface_normals(points, near(points, 0.6), radius=0.6)
-    monkeypatch.setattr(descriptor_items, "_ITEMS", items)
-    np.testing.assert_allclose(describe(points, normals), whole[0], atol=1e-6)
-    parts = surface_normals(points, near(points, 0.6), radius=0.6)
-    np.testing.assert_allclose(parts[0], whole[1][0], atol=1e-4)
-    np.testing.assert_allclose(parts[1], whole[1][1], atol=1e-5)
 
 
 def test_rigid_motions_leave_histograms_as_they_are():

@@ -11,7 +11,6 @@ from oracles import surfaces
 from voxjax._checks import InputError
 from voxjax._runtime.pieces import one_by_one, over_pieces
 from voxjax.ops.surface import moments as module
-from voxjax.ops.surface.axes import central_sums
 from voxjax.ops.surface.ball_sums import ball_offsets
 from voxjax.ops.surface.moments import surface_moments
 
@@ -202,19 +201,6 @@ def test_ten_grids_of_ten_sizes_share_their_kernels():
             index = np.argwhere(states == 2).astype(np.int32)
             surface_moments(states, index[: 20_000 + side])
     assert 1 <= found[kernel.__name__] <= 3
-
-
-def test_the_widest_window_overflows_nothing():
-    offsets = ball_offsets(25).astype(np.int64)
-    pairs = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-    for kept in (offsets, offsets[offsets[:, 0] > 0], offsets[offsets[:, 0] * offsets[:, 1] > 0]):
-        second = [(kept[:, i] * kept[:, j]).sum() for i, j in pairs]
-        one = [len(kept), *kept.sum(axis=0), *second, len(kept), *-kept.sum(axis=0)]
-        central = central_sums(np.asarray(one, np.int32)[:, None])
-        covariance = np.cov(kept.T, bias=True)
-        expected = [covariance[i, j] for i, j in pairs]
-        np.testing.assert_allclose(np.asarray(central.covariance)[:, 0], expected, rtol=1e-6, atol=1e-6)
-        np.testing.assert_allclose(np.asarray(central.lean)[:, 0], -2 * kept.sum(axis=0), rtol=1e-6)
 
 
 def test_voxels_outside_the_grid_are_refused():

@@ -1,0 +1,42 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import voxjax as vx
+from near_fields import field_of
+from voxjax.ops.evidence import nearest_host
+from voxjax.ops.evidence.nearest import NOTHING_NEAR
+from voxjax.ops.evidence.nearest_host import evidence_codes_on_host, nearest_field_on_host
+from voxjax.ops.evidence.scoring import evidence_codes
+
+
+@settings(max_examples=25, deadline=None)
+@given(shape=st.tuples(*[st.integers(1, 14)] * 3), radius=st.integers(1, 5), seed=st.integers(0, 99))
+def test_host_and_device_give_the_same_bits(shape, radius, seed):
+    rng = np.random.default_rng(seed)
+    index = np.argwhere(rng.random(shape) < rng.choice([0.0, 0.02, 0.5])).astype(np.int32)
+    size = int(np.prod(shape))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(nearest_host, "SLAB", int(rng.choice([1, 64, 1 << 16])))
+        found = nearest_field_on_host(index, shape, length=size + 7, radius=radius)
+    assert (found[size:] == 0).all()
+    expected = np.full(size, NOTHING_NEAR)
+    if len(index):
+        expected = np.asarray(field_of(index, shape, radius))
+    assert (found[:size] == expected).all()
+
+
+def test_host_codes_equal_the_definition():
+    rng = np.random.default_rng(0)
+    states = rng.integers(0, 3, 5000).astype(np.uint8)
+    keys = rng.integers(0, 2**32, 5000, dtype=np.uint64).astype(np.uint32)
+    for hit_sq, clear_sq in ((2, 4), (0, 1), (20, 25)):
+        found = evidence_codes_on_host(states, keys, hit_sq, clear_sq, length=6000)
+        assert (found[:5000] == np.asarray(evidence_codes(states, keys, hit_sq, clear_sq))).all()
+        assert (found[5000:] == 0).all()
+
+
+def test_host_says_what_it_cannot_do():
+    with pytest.raises(vx.InputError, match=r"radius must be 1 to 5 voxels, got 6"):
+        nearest_field_on_host(np.zeros((1, 3), np.int32), (2, 2, 2), length=8, radius=6)
