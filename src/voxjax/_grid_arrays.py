@@ -6,6 +6,7 @@ What JAX traces is asked for its dtype alone: its values are not known yet.
 from collections.abc import Iterator
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
@@ -34,9 +35,10 @@ def as_float32(name: str, value: object) -> Array:
     array = _as_array(name, value)
     if _is_placeholder(array):
         return array
-    if array.dtype.kind not in "fiub" and not jax.dtypes.issubdtype(array.dtype, np.floating):
+    is_floating = jnp.issubdtype(array.dtype, jnp.floating)  # which NumPy does not know of bfloat16
+    if not is_floating and array.dtype.kind not in "iub":
         raise InputError(f"{name} must be an array of numbers, got dtype {array.dtype}.")
-    if isinstance(array, jax.Array) and jax.dtypes.issubdtype(array.dtype, np.floating):
+    if is_floating and isinstance(array, jax.Array):
         return array
     with np.errstate(over="ignore"):  # what overflows becomes infinite, and is refused as such
         return array if array.dtype == np.float32 else array.astype(np.float32)

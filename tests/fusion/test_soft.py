@@ -159,7 +159,9 @@ def test_derivatives_are_finite_where_poses_are_special(T):
     @jax.jit
     def derivatives(T):
         at = jnp.zeros(6, jnp.float32), jnp.asarray(b.log_odds)
-        _, forward = jax.jvp(lambda *at: loss(*at, T), at, tuple(jnp.ones_like(x) for x in at))
+        _, forward = jax.jvp(
+            lambda twist, odds: loss(twist, odds, T), at, tuple(jnp.ones_like(x) for x in at)
+        )
         return *jax.grad(loss, argnums=(0, 1))(*at, T), forward
 
     for gradient in derivatives(jnp.asarray(T, jnp.float32)):
