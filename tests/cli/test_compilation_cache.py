@@ -30,6 +30,7 @@ kept_kernels()(run)()
 def _run(code, folder, **variables):
     """A process of its own, as a user has it: its output lines and what it said on stderr."""
     environment = {
+        **{name: os.environ[name] for name in ("PYTHONPATH",) if name in os.environ},
         "PATH": os.environ["PATH"],
         "XDG_CACHE_HOME": str(folder),
         "JAX_PLATFORMS": "cpu",
@@ -134,3 +135,62 @@ def test_a_folder_that_cannot_be_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("pathlib.Path.home", lambda: (_ for _ in ()).throw(RuntimeError("no home")))
     with pytest.raises(InputError, match="no home"):
         default_cache_folder()
+
+
+def test_fifty_damaged_kernels_and_programs_cost_their_compilation_and_no_word(tmp_path):
+    kernels = f"""
+{COUNTED}
+from voxjax._runtime.programs import kept_program
+from voxjax.cli.runtime import kept_kernels
+kept = kept_program(jax.jit(lambda x: x * 2))
+with kept_kernels():
+    print(sum(float(kept(np.ones(n, np.float32))[0]) for n in range(1, 51)))
+    print(events.count("cache_misses") >= 50, events.count("cache_misses") == 0)
+"""
+    assert _run(kernels, tmp_path) == (["100.0", "True False"], "")
+    programs = list((tmp_path / "voxjax" / "xla" / "programs").iterdir())
+    assert len(programs) == 50
+    assert len(_entries(tmp_path)) >= 50
+    for number, path in enumerate([*_entries(tmp_path), *programs]):
+        path.write_bytes(path.read_bytes()[: 100 * (number % 3)])
+    assert _run(kernels, tmp_path) == (["100.0", "True False"], "")
+    assert _run(kernels, tmp_path) == (["100.0", "False True"], "")
+
+
+@pytest.mark.parametrize("variable", ["XDG_CACHE_HOME", "JAX_COMPILATION_CACHE_DIR"])
+def test_a_folder_that_others_can_write_is_not_used_and_named_in_one_line(tmp_path, variable):
+    folder = tmp_path if variable.startswith("JAX") else tmp_path / "voxjax" / "xla"
+    folder.mkdir(parents=True, exist_ok=True)
+    folder.chmod(0o777)
+    shown, said = _run(COMMAND, tmp_path, **{variable: str(tmp_path)})
+    assert shown == ["15.0", "0 0"]
+    (line,) = said.splitlines()
+    assert "can be written by others" in line
+    assert f"set {variable} to another folder" in line
+    assert list(folder.iterdir()) == []
+
+
+def test_a_relative_cache_home_is_ignored_and_said_in_one_line(tmp_path):
+    variables = {"XDG_CACHE_HOME": "relative", "HOME": str(tmp_path)}
+    shown, said = _run(COMMAND, tmp_path, **variables)
+    assert shown == ["15.0", "0 1"]
+    (line,) = said.splitlines()
+    assert "'relative'" in line
+    (entry,) = (tmp_path / ".cache" / "voxjax" / "xla").glob("*-cache")
+    assert entry.is_file()
+
+
+def test_the_folder_is_closed_to_others_and_links_in_it_are_not_followed(tmp_path):
+    _run(COMMAND, tmp_path)
+    folder = tmp_path / "voxjax" / "xla"
+    made = (folder.parent, folder, folder / "programs")
+    assert [path.stat().st_mode & 0o777 for path in made] == [0o700] * 3
+    (entry,) = _entries(tmp_path)
+    entry.unlink()
+    entry.symlink_to(tmp_path / "nowhere")
+    shown, said = _run(COMMAND, tmp_path)
+    assert shown == ["15.0", "0 1"]
+    (line,) = said.splitlines()
+    assert line.startswith("voxjax: 1 kernels in ")
+    assert not (tmp_path / "nowhere").exists()
+    assert _run(COMMAND, tmp_path) == (["15.0", "1 0"], "")

@@ -1,6 +1,10 @@
 """Programs kept between processes. `another_process` stands for one that knows nothing but what is in the folder."""
 
+import hashlib
+import json
 import logging
+import os
+import pickle
 import threading
 from typing import NamedTuple
 
@@ -11,6 +15,7 @@ import numpy as np
 import pytest
 
 from voxjax import InputError, use_compilation_cache
+from voxjax._runtime.program_files import KeptProgramWarning, last_used, read_whole
 from voxjax._runtime.programs import keep_programs, kept_program
 from voxjax.ops import score_poses
 from voxjax.refinement.residuals.terms import Level
@@ -39,6 +44,12 @@ def another_process(folder):
     for thread in threading.enumerate():
         if thread.name == "voxjax programs":
             thread.join()
+
+
+def from_another_process(folder, function):
+    """Results of a process of its own."""
+    another_process(folder)
+    return kept_program(function)(VALUES)
 
 
 @pytest.fixture
@@ -172,6 +183,70 @@ def test_a_damaged_program_is_traced_again_and_replaced(folder, traced, damage):
     another_process(folder)
     assert float(kept_program(function)(VALUES).scale) == 14.0
     assert len(count) == 2
+
+
+def test_a_program_that_is_none_is_traced_again_and_nothing_in_it_runs(folder, traced, tmp_path):
+    """A digest that fits proves that a file is whole, not that it is honest."""
+
+    class Attack:
+        def __reduce__(self):
+            return os.mkdir, (str(tmp_path / "was run"),)
+
+    function, count = traced
+    kept_program(function)(VALUES)
+    (path,) = folder.iterdir()
+    honest = path.read_bytes()[32:]
+    header = json.dumps({"name": "f", "is_double": False, "results": "array"}).encode()
+    length = len(header).to_bytes(4, "little")
+    for hostile in (
+        pickle.dumps(Attack()),
+        length + header + pickle.dumps(Attack()),
+        length + header,
+        b"\xff" * 4 + header,
+        honest.replace(b'"Level"', b'"Lever"'),
+        b"",
+    ):
+        path.write_bytes(hashlib.sha256(hostile).digest() + hostile)
+        another_process(folder)
+        assert float(kept_program(function)(VALUES).scale) == 14.0
+        assert path.read_bytes()[32:] != hostile
+    assert len(count) == 7
+    assert not (tmp_path / "was run").exists()
+
+
+def test_a_program_that_others_can_have_written_is_not_used(folder, traced):
+    function, count = traced
+    kept_program(function)(VALUES)
+    (path,) = folder.iterdir()
+    path.chmod(0o666)
+    with pytest.warns(KeptProgramWarning, match="can be written by others"):
+        assert float(from_another_process(folder, function).scale) == 14.0
+    assert len(count) == 2
+    assert path.stat().st_mode & 0o777 == 0o600
+
+
+def test_links_and_files_that_vanish_cost_one_trace_and_no_traceback(folder, traced, monkeypatch):
+    function, count = traced
+    kept_program(function)(VALUES)
+    (path,) = folder.iterdir()
+    path.unlink()
+    path.symlink_to(folder / "nowhere")
+    gone = folder / "gone.program"
+    monkeypatch.setattr(type(folder), "glob", lambda *_: [gone, path])
+    assert last_used(folder) == [path]
+    assert read_whole(gone) is None
+    with pytest.warns(KeptProgramWarning, match="not used"):
+        assert float(from_another_process(folder, function).scale) == 14.0
+    assert len(count) == 2
+    assert path.is_file()
+    assert not path.is_symlink()
+    assert not (folder / "nowhere").exists()
+
+
+def test_results_of_other_types_are_traced_in_each_process(folder):
+    function = kept_program(jax.jit(lambda values: Pair(values.sum(dtype=values.dtype), values.max())))
+    assert float(function(VALUES).total) == 7.0
+    assert not list(folder.iterdir())
 
 
 def test_a_folder_that_is_gone_is_said_and_stops_nothing(folder, traced):

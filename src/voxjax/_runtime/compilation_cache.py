@@ -2,21 +2,34 @@
 
 import os
 import tempfile
+import warnings
 from pathlib import Path
 
 from .._checks import InputError
+from .private_folders import private_folder, remove_foreign_files
+from .program_files import KeptProgramWarning
 
 PROGRAMS = "programs"
-"""Folder in that of the kernels, for what they are found by (`_programs`)."""
+"""Name of the folder, in that of the kernels, of the programs by which kernels are found (`programs`)."""
 
 
 def default_cache_folder() -> Path:
     """Where the command line keeps compiled kernels: `voxjax/xla` in the user's cache folder.
 
+    A relative `XDG_CACHE_HOME` is no folder of the user but one below wherever a process happens to run, perhaps a
+    stranger's; the XDG specification says to ignore it, and a warning says so.
+
     Raises:
         InputError: If the user has neither a home nor `XDG_CACHE_HOME`.
     """
     base = os.environ.get("XDG_CACHE_HOME")
+    if base and not Path(base).is_absolute():
+        warnings.warn(
+            f"XDG_CACHE_HOME is the relative path {base!r}, which is ignored; compiled kernels are kept in ~/.cache.",
+            KeptProgramWarning,
+            stacklevel=2,
+        )
+        base = None
     try:
         return (Path(base) if base else Path.home() / ".cache") / "voxjax" / "xla"
     except RuntimeError as error:
@@ -44,13 +57,14 @@ def use_compilation_cache(folder: str | os.PathLike | None = None) -> Path:
 
     Args:
         folder: Made if missing. None is the folder of the command line: `$XDG_CACHE_HOME/voxjax/xla`, or
-            `~/.cache/voxjax/xla`. Whoever can write there can run code here, so share it with nobody.
+            `~/.cache/voxjax/xla`. Whoever can write there can run code here: made so that only the user may enter
+            it, and not used where others can write it.
 
     Returns:
         The folder.
 
     Raises:
-        InputError: If the folder cannot be made or written.
+        InputError: If the folder cannot be made or written, belongs to someone else, or can be written by others.
     """
     import jax
 
@@ -58,13 +72,21 @@ def use_compilation_cache(folder: str | os.PathLike | None = None) -> Path:
 
     path = default_cache_folder() if folder is None else Path(folder)
     try:
-        (path / PROGRAMS).mkdir(parents=True, exist_ok=True)
+        for part in (path, path / PROGRAMS):
+            private_folder(part)
         with tempfile.TemporaryFile(dir=path):
             pass
     except OSError as error:
         raise InputError(
             f"compiled kernels cannot be kept in {path}: {error.strerror}; name another folder."
         ) from error
+    if count := remove_foreign_files(path, "-cache"):
+        warnings.warn(
+            f"{count} kernels in {path} were links, belonged to someone else or could be written by others; they are "
+            "removed and compiled again.",
+            KeptProgramWarning,
+            stacklevel=2,
+        )
     jax.config.update("jax_compilation_cache_dir", str(path))
     keep_quickly_compiled_kernels()
     keep_programs(path / PROGRAMS)  # last, as it loads kernels

@@ -9,13 +9,18 @@ import warnings
 from pathlib import Path
 
 from .._checks import InputError
+from .private_folders import NotPrivateError, read_private
 from .whole_files import write_file
 
-NAME, ENDING = 32, ".program"
-"""Of a file: length of each of the two digests in its name, and what comes after them."""
+_NAME, _ENDING = 32, ".program"
+"""Parts of a file's name: the length of each of the two digests in it, and what comes after them."""
 
 _TRACED_BY = ("voxjax", "jax", "jaxlib", "numpy", "equinox", "lineax", "optimistix")
 _DIGEST = hashlib.sha256().digest_size
+
+
+class KeptProgramWarning(UserWarning):
+    """A kept program or kernel that cannot be used or written; it is made again."""
 
 
 @functools.cache
@@ -26,17 +31,37 @@ def version_digest() -> str:
     for path in sorted(root.rglob("*.py")):
         status = path.stat()
         found.append(f"{path.relative_to(root)} {status.st_size} {status.st_mtime_ns}")
-    return hashlib.sha256("\n".join(found).encode()).hexdigest()[:NAME]
+    return hashlib.sha256("\n".join(found).encode()).hexdigest()[:_NAME]
+
+
+def program_path(folder: Path, digest: str) -> Path:
+    """File of the program of a digest that these versions trace."""
+    return folder / f"{version_digest()}-{digest[:_NAME]}{_ENDING}"
+
+
+def last_used(folder: Path, most: int = 24) -> list[Path]:
+    """Files of programs of these versions, in the order in which they were used; the last `most` of them."""
+    used = [(_time_of(path), path) for path in folder.glob(f"{version_digest()}-*{_ENDING}")]
+    known = sorted((time, path) for time, path in used if time is not None)
+    return [path for _, path in known[-most:]]
+
+
+def _time_of(path: Path) -> int | None:
+    """Time of last use; None where a file has gone since it was listed."""
+    try:
+        return path.lstat().st_mtime_ns
+    except OSError:
+        return None
 
 
 def read_whole(path: Path) -> bytes | None:
-    """Content of a file that was written whole, else None."""
+    """Content of a file that was written whole, by nobody but this user; else None."""
     try:
-        content = path.read_bytes()
+        content = read_private(path)
     except FileNotFoundError:
         return None
-    except OSError as error:
-        warnings.warn(f"a kept program cannot be read: {error}; it is traced again.", stacklevel=2)
+    except (OSError, NotPrivateError) as error:
+        warnings.warn(f"a kept program is not used: {error}.", KeptProgramWarning, stacklevel=2)
         return None
     is_whole = hashlib.sha256(content[_DIGEST:]).digest() == content[:_DIGEST]
     return content[_DIGEST:] if is_whole else None
@@ -55,4 +80,4 @@ def write_whole(path: Path, content: bytes) -> None:
         # The digest shows what a crash of the machine has damaged, so that nobody needs to wait for the disk.
         write_file(path, marked, force=True, mode=0o600, is_durable=False)
     except InputError as error:
-        warnings.warn(f"programs cannot be kept in {path.parent}: {error}", stacklevel=2)
+        warnings.warn(f"programs cannot be kept in {path.parent}: {error}", KeptProgramWarning, stacklevel=2)

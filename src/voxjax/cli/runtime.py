@@ -9,7 +9,8 @@ from glob import escape
 from pathlib import Path
 
 from .._checks import InputError
-from .._runtime.compilation_cache import PROGRAMS, keep_quickly_compiled_kernels, use_compilation_cache
+from .._runtime.compilation_cache import keep_quickly_compiled_kernels, use_compilation_cache
+from .._runtime.program_files import KeptProgramWarning
 from .streams import warn
 
 
@@ -24,35 +25,36 @@ def kept_kernels() -> Iterator[None]:
     if os.environ.get("VOXJAX_CACHE") == "off":
         yield
         return
-    if chosen := os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+    chosen = os.environ.get("JAX_COMPILATION_CACHE_DIR")
+    if chosen and "://" in chosen:  # the address of a store, which JAX also takes
         keep_quickly_compiled_kernels()
-        if "://" not in chosen:  # JAX also takes addresses of stores
-            _keep_programs(Path(chosen) / PROGRAMS)
         yield
         return
-    try:
-        folder = use_compilation_cache()
-    except InputError as error:
-        warn(f"{str(error).rsplit(';', 1)[0]}; set XDG_CACHE_HOME to another folder, or VOXJAX_CACHE=off.")
-        yield
-        return
-    with _mended(folder):
+    with _mended() as used:
+        try:
+            used.append(use_compilation_cache(chosen or None))
+        except InputError as error:
+            _keep_nothing(error)
         yield
 
 
-def _keep_programs(folder: Path) -> None:
-    """Keep programs in a folder, or say why not."""
-    from .._runtime.programs import keep_programs
+def _keep_nothing(error: InputError) -> None:
+    """Compile without a cache, also without the one that JAX has from its own variable, and say why."""
+    import jax
 
-    try:
-        keep_programs(folder)
-    except OSError as error:
-        warn(f"programs cannot be kept in {folder}: {error.strerror}.")
+    jax.config.update("jax_compilation_cache_dir", None)
+    name = "JAX_COMPILATION_CACHE_DIR" if "JAX_COMPILATION_CACHE_DIR" in os.environ else "XDG_CACHE_HOME"
+    warn(f"{str(error).rsplit(';', 1)[0]}; set {name} to another folder, or VOXJAX_CACHE=off.")
 
 
 @contextmanager
-def _mended(folder: Path) -> Iterator[None]:
-    """Act on JAX's warnings of the cache instead of showing them; all others are shown."""
+def _mended() -> Iterator[list[Path]]:
+    """Act on warnings of the cache, JAX's and ours, instead of showing them; all others are shown.
+
+    Yields:
+        A list that takes the folder of the cache once it is known.
+    """
+    folders: list[Path] = []
     show, is_said = warnings.showwarning, False
     entry_error = "Error {} persistent compilation cache entry for '([^']+)'"
     unreadable_entry = re.compile(entry_error.format("reading"))
@@ -64,16 +66,20 @@ def _mended(folder: Path) -> Iterator[None]:
         nonlocal is_said
         unreadable, unwritten = unreadable_entry.match(str(message)), unwritten_entry.match(str(message))
         if unreadable:
-            for entry in folder.glob(f"{escape(unreadable[1])}-*"):
-                entry.unlink(missing_ok=True)
+            for folder in folders:
+                for entry in folder.glob(f"{escape(unreadable[1])}-*"):
+                    entry.unlink(missing_ok=True)
         elif unwritten:
             if not is_said:
-                warn(f"compiled kernels cannot be kept in {folder}: {unwritten[2]}.")
+                warn(f"compiled kernels cannot be kept in {', '.join(map(str, folders))}: {unwritten[2]}.")
             is_said = True
+        elif issubclass(category, KeptProgramWarning):
+            warn(str(message))
         else:
             show(message, category, filename, lineno, *rest)  # pyright: ignore[reportArgumentType]
 
     with warnings.catch_warnings():
         warnings.filterwarnings("always", message="Error (reading|writing) persistent compilation cache")
+        warnings.filterwarnings("always", category=KeptProgramWarning)
         warnings.showwarning = act
-        yield
+        yield folders
