@@ -199,3 +199,15 @@ def test_a_table_of_contents_of_thousands_of_entries_is_refused():
             archive.writestr(f"{number:030000d}", b"")
     with pytest.raises(InputError, match="table of contents"):
         decode_npz(buffer.getvalue())
+
+
+def test_states_take_no_more_memory_than_their_number(monkeypatch):
+    data = members(states=np.zeros((300, 300, 300), np.uint8))
+    monkeypatch.setenv("VOXJAX_MEMORY", "0.0271")
+    assert decode_npz(data).shape == (300, 300, 300)
+    tracemalloc.start()
+    try:
+        decode_npz(data)
+        assert tracemalloc.get_traced_memory()[1] < 1.2 * 27e6
+    finally:
+        tracemalloc.stop()

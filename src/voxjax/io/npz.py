@@ -153,8 +153,9 @@ def _read_array(
         raise InputError(f"the array {name!r} has no valid header")
     descr, is_fortran, shape = header
     _check_type(name, descr, shape, expected)
-    # Beside the values: a copy in the other order of axes, or the truth values of a check.
-    budget.check_grid(shape, (2 if is_fortran else 1) * _DTYPES[name].itemsize + 1, held)
+    # Beside the values there is a copy in the other order of axes, or the truth values of the check of numbers.
+    itemsize, is_checked = _DTYPES[name].itemsize, name == "log_odds"
+    budget.check_grid(shape, itemsize * (2 if is_fortran else 1) + is_checked, held)
     values = np.empty(math.prod(shape), _DTYPES[name])
     if not _fill(values.view(np.uint8), member):
         raise InputError(f"the array {name!r} is not as long as its shape says")
