@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import warnings
 from contextlib import redirect_stdout
 from pathlib import Path
 
@@ -107,6 +108,20 @@ def test_a_full_disk_behind_the_standard_output_is_said(maps, capsys):
     with open("/dev/full", "w") as full, redirect_stdout(full):
         assert main(["info", *maps]) == 2
     assert "No space left" in one_line(capsys)
+
+
+def test_warnings_are_sentences(monkeypatch, maps, capsys):
+    from voxjax.cli import info
+
+    def read_map(path, *, voxel_size):
+        warnings.warn("something\n is odd", RuntimeWarning, stacklevel=1)
+        return cube_map(0)
+
+    monkeypatch.setattr(info, "read_map", read_map)
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        assert main(["info", maps[0]]) == 0
+    assert one_line(capsys).startswith("voxjax: something is odd (RuntimeWarning, test_main.py:")
 
 
 def test_too_little_memory_is_said_and_no_fault(monkeypatch, maps, capsys):

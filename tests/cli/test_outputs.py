@@ -44,6 +44,15 @@ def test_names_that_can_be_written_pass(folder):
     check_outputs([("link.bt", (".bt",))], force=True)
 
 
+def test_a_working_folder_that_is_gone_is_said(folder, monkeypatch):
+    gone = folder / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    with pytest.raises(InputError, match=r"a\.bt.*folder"):
+        check_outputs([("a.bt", (".bt",))], force=False)
+
+
 def test_json_never_holds_what_is_no_number():
     assert json.loads(json_bytes({"a": [1.5, None]})) == {"a": [1.5, None]}
     with pytest.raises(ValueError, match="not JSON compliant"):

@@ -12,7 +12,7 @@ from .process import (
     open_closed_descriptors,
     signals_raise,
 )
-from .streams import lasting_streams, warn
+from .streams import lasting_streams, warn, warnings_as_sentences
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -30,7 +30,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if is_own_process:
         leave_on_interrupt()
         open_closed_descriptors()
-    with lasting_streams() as output:
+    with lasting_streams() as output, warnings_as_sentences():
         code = _exit_code(argv, is_own_process=is_own_process)
         output.flush()
         # A reader that has gone has read enough, as in `voxjax info map.bt | head -1`.

@@ -25,7 +25,10 @@ def check_outputs(outputs: Sequence[tuple[str | None, tuple[str, ...]]], *, forc
         if Path(name).suffix.lower() not in endings:
             raise InputError(f"{name}: the ending must be {' or '.join(endings)}.")
         check_writable(name, force=force)
-        place = Path(name).resolve()
+        try:
+            place = Path(name).resolve()
+        except OSError as error:  # somebody has removed the working folder
+            raise InputError(f"{name}: the working folder is gone; change to another one.") from error
         if place in seen:
             raise InputError(f"{name} is given for two outputs; use two names.")
         seen.add(place)

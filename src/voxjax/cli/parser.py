@@ -12,6 +12,8 @@ EXIT_CODES = """exit codes:
   1  a fault of voxjax itself (run again with --debug for the details)
   2  unusable input or arguments; one line says what to do
   3  merge: no trustworthy overlap, or a map fits none of the others; no map was written
+  128 and the number of a signal: stopped by Ctrl-C (130), SIGTERM (143) or SIGHUP (129); no file is left half
+     written
 """
 
 

@@ -7,6 +7,7 @@ import contextlib
 import io
 import os
 import sys
+import warnings
 from collections.abc import Iterator
 from typing import TextIO
 
@@ -71,6 +72,18 @@ def lasting_streams() -> Iterator[LastingStream]:
         finally:
             output.flush()
             errors.flush()
+
+
+@contextlib.contextmanager
+def warnings_as_sentences() -> Iterator[None]:
+    """Let Python's warnings within the block be one line each, without the line of code that they point to."""
+
+    def show(message: Warning | str, category: type[Warning], filename: str, lineno: int, *_: object) -> None:
+        warn(f"{message} ({category.__name__}, {os.path.basename(filename)}:{lineno})")
+
+    with warnings.catch_warnings():
+        warnings.showwarning = show
+        yield
 
 
 def printable(text: object) -> str:
