@@ -154,8 +154,8 @@ def test_impossible_names_are_refused(tmp_path):
         check_writable(tmp_path / "file" / "a.bin", force=True)
     with pytest.raises(InputError, match="is a folder"):
         check_writable(tmp_path, force=True)
-    for name in ("n" * 300, "a\0b"):
-        with pytest.raises(InputError, match="cannot be the name of a file"):
+    for name, reason in (("n" * 300, "File name too long"), ("a\0b", "null")):
+        with pytest.raises(InputError, match=f"cannot be written: .*{reason}"):
             check_writable(tmp_path / name, force=True)
 
 
@@ -164,8 +164,7 @@ def test_a_name_as_long_as_the_system_allows_can_be_written(tmp_path):
     assert len(os.listdir(tmp_path)) == 1
 
 
-@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
-def test_a_folder_that_is_not_writable_is_named(tmp_path):
-    tmp_path.chmod(0o500)
+def test_a_folder_that_is_not_writable_is_named(tmp_path, monkeypatch):
+    monkeypatch.setattr(whole_files.os, "access", lambda path, mode: (path, mode) != (tmp_path, os.W_OK))
     with pytest.raises(InputError, match="is not writable"):
         check_writable(tmp_path / "a.bin", force=True)

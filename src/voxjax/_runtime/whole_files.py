@@ -12,7 +12,7 @@ import stat
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
-from .._checks import InputError
+from .._checks import InputError, shown
 
 FilePath = str | os.PathLike
 
@@ -33,11 +33,8 @@ def check_writable(path: FilePath, *, force: bool) -> Path:
     path = Path(path)
     try:
         parent, target = _mode_of(path.parent), _mode_of(path)
-    except (
-        OSError,
-        ValueError,
-    ) as error:  # too long, a character that no name may hold, a folder that is closed
-        raise InputError(f"{str(path)[:200]!r} cannot be the name of a file: {_reason(error)}.") from error
+    except (OSError, ValueError) as error:  # the name is too long or holds a zero, the folder is closed
+        raise InputError(f"{shown(str(path))} cannot be written: {_reason(error)}.") from error
     if parent is None or not stat.S_ISDIR(parent):
         raise InputError(f"{path}: the folder {path.parent} does not exist; make it first.")
     if target is not None and stat.S_ISDIR(target):
