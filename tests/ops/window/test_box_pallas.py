@@ -1,13 +1,11 @@
 """The GPU kernels, step by step on the CPU, and as far towards a GPU as lowering goes without one."""
 
-import contextlib
-import inspect
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from device_path import some_gpu
 from oracles import sliding_window
 from voxjax._checks import InputError
 from voxjax.ops.window import box_pallas
@@ -54,19 +52,6 @@ def test_kernel_classes_equal_the_loop(share, shift):
     np.testing.assert_array_equal(np.asarray(classes), sliding_window.classes(grid != 0, 5, shift, 40))
 
 
-def _some_gpu():
-    """A context in which newer versions of JAX lower for a GPU that is not there."""
-    parameters = inspect.signature(jax.sharding.AbstractDevice).parameters
-    known = {"device_kind": "NVIDIA H100 80GB HBM3", "num_cores": 132, "platform": "gpu"}
-    device = jax.sharding.AbstractDevice(**{k: v for k, v in known.items() if k in parameters})
-    mesh = jax.sharding.AbstractMesh((1,), ("x",), abstract_device=device)
-    return (
-        jax.sharding.use_abstract_mesh(mesh)
-        if hasattr(jax.sharding, "use_abstract_mesh")
-        else contextlib.nullcontext()
-    )
-
-
 @pytest.mark.filterwarnings("ignore:The Pallas Triton backend is deprecated:DeprecationWarning")
 @pytest.mark.parametrize(
     ("kernel", "num_kernels"),
@@ -78,7 +63,7 @@ def _some_gpu():
 def test_kernels_are_lowered_for_cuda_by_the_triton_backend(kernel, num_kernels, monkeypatch):
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     grid = jax.ShapeDtypeStruct((1024, 1024, 512), np.uint8)
-    with _some_gpu():
+    with some_gpu():
         text = jax.jit(kernel).trace(grid).lower(lowering_platforms=("cuda",)).as_text()
     assert text.count("custom_call @__gpu$xla.gpu.triton") == num_kernels
 
