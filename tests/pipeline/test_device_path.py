@@ -1,10 +1,13 @@
 """`register` in the form that it has on an accelerator, run on the CPU and lowered for CUDA."""
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import voxjax as vx
-from device_path import Recorder, call_lowered_for_cuda, device_path
+from device_path import Recorder, call_lowered_for_cuda, device_path, lowered_for_cuda
 from small_worlds import draw_map, pose
 
 STAGES = {
@@ -42,3 +45,14 @@ def test_each_stage_is_lowered_for_cuda(registered):
             assert any(name in call for call in calls), f"{stage} called nothing of {name}"
     for name, call in calls.items():
         assert "func.func" in call_lowered_for_cuda(*call), name
+
+
+def test_a_gradient_of_the_refinement_is_lowered_for_cuda(registered):
+    name = next(name for name in registered[3] if "pose.solve_pose" in name)
+    function, (problem, *rest), kwargs = registered[3][name]
+    floats, others = eqx.partition(problem, eqx.is_inexact_array)
+
+    def moved(floats):
+        return jnp.sum(function(eqx.combine(floats, others), *rest, **kwargs).T_a_b, dtype=jnp.float32)
+
+    assert "func.func" in lowered_for_cuda(jax.grad(moved), floats)
