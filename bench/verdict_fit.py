@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from voxjax.registration.judging import conflict_pieces, verdict
-from voxjax.registration.judging.leaders import Judgement
+from voxjax.registration.judging.judgement import Judgement
 from voxjax.registration.judging.settings import VerdictConfig
 
 

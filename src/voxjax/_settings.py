@@ -22,7 +22,7 @@ def setting(
     """A field of a group of settings, with the range of its values beside its default.
 
     Args:
-        default: Its type is the type of the setting; numbers must be finite.
+        default: Value where nobody gives one; its type is the type of the setting. Numbers must be finite.
         low: Least value.
         high: Largest value.
         above: A bound that the value must be larger than.
@@ -82,7 +82,7 @@ def check_setting(table: str, field: dataclasses.Field, value: Any) -> Any:
 def _is_inside(bounds: Any, value: Any) -> bool:
     """Whether a number is finite and within its bounds; whole numbers of any size are compared exactly."""
     low, high, above = bounds["low"], bounds["high"], bounds["above"]
-    return (
+    return bool(
         (isinstance(value, numbers.Integral) or math.isfinite(value))
         and (low is None or value >= low)
         and (high is None or value <= high)

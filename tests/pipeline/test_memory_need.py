@@ -6,7 +6,9 @@ import pytest
 import voxjax as vx
 from voxjax import InputError, VoxelGrid
 from voxjax.pipeline import many, memory_need, pair
-from voxjax.pipeline.memory_need import FIXED, MapSize, check_register_memory, register_memory
+from voxjax.pipeline.memory_need import MapSize, check_register_memory, register_memory
+
+FIXED = register_memory([], 0.1)
 
 
 def _grid(sides, *, known=None, voxel_size=0.1):

@@ -48,8 +48,12 @@ def test_hypotheses_are_distinct_and_best_first(registration):
     assert scores == sorted(scores, reverse=True)
     np.testing.assert_array_equal(registration.hypotheses[0].T_a_b, registration.T_a_b)
     assert registration.hypotheses[0].source in {
-        "corner", "virtual corner", "subgraph", "descriptor", "exhaustive"
-    }  # fmt: skip
+        "corner",
+        "virtual corner",
+        "subgraph",
+        "descriptor",
+        "exhaustive",
+    }
 
 
 def test_covariance_is_a_covariance(registration):

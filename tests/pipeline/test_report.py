@@ -12,9 +12,20 @@ from voxjax import merge
 from voxjax.pipeline import report
 
 PAIR_KEYS = {
-    "a", "b", "accepted", "reason", "T_a_b", "confidence", "covariance", "num_associations", "clique_size",
-    "occupied_agreement", "free_conflict", "hypotheses", "seconds",
-}  # fmt: skip
+    "a",
+    "b",
+    "accepted",
+    "reason",
+    "T_a_b",
+    "confidence",
+    "covariance",
+    "num_associations",
+    "clique_size",
+    "occupied_agreement",
+    "free_conflict",
+    "hypotheses",
+    "seconds",
+}
 
 
 def _report(monkeypatch, verdict):

@@ -153,10 +153,15 @@ def prepare_map(grid: VoxelGrid) -> PreparedMap:
 
 
 def sample_rows(prepared: PreparedMap, count: int) -> np.ndarray:
-    """Rows of `count` voxels drawn evenly along the cumulated leverage; deterministic."""
-    cumulated = np.cumsum(np.asarray(prepared.weights, np.float64)[: prepared.num_points])
+    """Rows of `count` voxels drawn by their leverage."""
+    return draw_rows(np.asarray(prepared.weights)[: prepared.num_points], count)
+
+
+def draw_rows(weights: np.ndarray, count: int) -> np.ndarray:
+    """`count` rows drawn evenly along the cumulated weights (n,), so that the same weights give the same rows."""
+    cumulated = np.cumsum(weights, dtype=np.float64)
     at = (np.arange(count) + 0.5) / count * cumulated[-1]
-    return np.minimum(np.searchsorted(cumulated, at), prepared.num_points - 1)
+    return np.minimum(np.searchsorted(cumulated, at), len(weights) - 1)
 
 
 def _planarity(curvature: np.ndarray, num_occupied: np.ndarray) -> np.ndarray:

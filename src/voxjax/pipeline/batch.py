@@ -25,13 +25,13 @@ def register_batch(
     its object, so give the same `VoxelGrid` for the same map.
 
     Args:
-        pairs: (a, b) each.
-        config: As for `register`.
-        gravity_aligned: As for `register`.
+        pairs: Maps (a, b) of each pair.
+        config: Settings of the stages: a `Config`, nested tables, or None for the defaults.
+        gravity_aligned: Whether the z axes of all maps point up, so that only yaw is unknown.
         on_pair: Called with the number and the outcome of each pair as it is done.
 
     Returns:
-        One `Registration` a pair, in their order.
+        A `Registration` for each pair, in the order of the pairs.
 
     Raises:
         InputError: If an entry is no pair of maps, or a setting cannot be used.

@@ -32,7 +32,7 @@ def features_at(grid: VoxelGrid, *, voxel_size: float, config: Config | None = N
     """Features of one map for all its pairs.
 
     Args:
-        grid: With at least one occupied voxel.
+        grid: A map with at least one occupied voxel.
         voxel_size: Working voxel size [m] of all maps that it is compared with.
         config: Settings of the stages; None for the defaults.
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from ..registration.hypotheses.map_features import MapFeatures
+from ..registration.hypotheses.pose_range import PoseRange
 from ..registration.hypotheses.proposals import (
-    PoseRange,
     Proposals,
     admit,
     propose_corner_frames,
@@ -34,9 +34,9 @@ def first_hypotheses(
     Args:
         a: First map.
         b: Second map.
-        settings: Which sources are asked, and how.
+        settings: Sources that are asked, and how each of them works.
         guess: One more pose (4, 4) to try.
-        pose_range: Which poses can be.
+        pose_range: The poses that can be.
         stages: Keeps the seconds of each source.
     """
     stages.announce("hypotheses")
@@ -65,8 +65,8 @@ def other_hypotheses(
     Args:
         a: First map.
         b: Second map.
-        settings: Which sources are asked, and how.
-        pose_range: Which poses can be.
+        settings: Sources that are asked, and how each of them works.
+        pose_range: The poses that can be.
         stages: Keeps the seconds of each source.
     """
     stages.announce("hypotheses")

@@ -41,7 +41,7 @@ def merge(
         preset: "default", or "paper" for the published method alone.
         rule: How states are combined, see `voxjax.fuse`; None lets it choose.
         gravity_aligned: The z axes of all maps point up, so that only yaw is unknown.
-        init_guess: With two maps, a (4, 4) `T_a_b` that is tried as one more hypothesis.
+        init_guess: A (4, 4) `T_a_b` that is tried as one more hypothesis; for two maps only.
         config: Settings of the stages, see `voxjax.pipeline.config`.
         on_stage: Called with the name of each stage as it starts.
 
@@ -52,12 +52,7 @@ def merge(
         InputError: If there are fewer than two maps, a guess with more than two, or the maps or the fused one need more
             memory than there is (`pipeline/memory_need.py`, `fusion/fuse.py`).
     """
-    if len(grids) < 2:
-        raise InputError(f"merge needs at least two maps, got {len(grids)}.")
-    if init_guess is not None and len(grids) != 2:
-        raise InputError(
-            f"init_guess is the pose of one pair, so it needs exactly two maps, got {len(grids)}."
-        )
+    _check(grids, init_guess)
     settings, stages = config_from(config), Stages(on_stage)
     start = time.perf_counter()
 
@@ -73,9 +68,7 @@ def merge(
                 "gravity_aligned": gravity_aligned,
                 "init_guess": init_guess,
                 "config": settings,
-                "on_stage": None
-                if on_stage is None
-                else partial(_announce_of, on_stage, f"maps {a} and {b}"),
+                "on_stage": partial(_announce_of, stages, f"maps {a} and {b}"),
             }
             features_a, features_b = features[a], features[b]
             if features_a is None or features_b is None:
@@ -107,6 +100,16 @@ def merge(
     )
 
 
+def _check(grids: Sequence[VoxelGrid], init_guess: object) -> None:
+    """Raise if there are fewer than two maps, or a guess for more than one pair."""
+    if len(grids) < 2:
+        raise InputError(f"merge needs at least two maps, got {len(grids)}.")
+    if init_guess is not None and len(grids) != 2:
+        raise InputError(
+            f"init_guess is the pose of one pair, so it needs exactly two maps, got {len(grids)}."
+        )
+
+
 def _features_of_all(grids: Sequence[VoxelGrid], settings: Config, stages: Stages) -> list[Any]:
     """`MapFeatures` of each map; None for a map with nothing occupied."""
     filled = [number for number, grid in enumerate(grids) if grid.num_occupied]
@@ -125,6 +128,6 @@ def _features_of_all(grids: Sequence[VoxelGrid], settings: Config, stages: Stage
     return features
 
 
-def _announce_of(on_stage: OnStage, pair: str, name: str) -> None:
+def _announce_of(stages: Stages, pair: str, name: str) -> None:
     """Announce a stage of a pair."""
-    on_stage(f"{pair}: {name}")
+    stages.announce(f"{pair}: {name}")

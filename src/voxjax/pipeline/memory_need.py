@@ -10,26 +10,14 @@ from .._runtime.tables import MAX_ROWS, check_cells
 from .._types import OCCUPIED
 from ..grid import VoxelGrid
 
-FIXED = 0.75 * GIGABYTE
-"""Compiled kernels of all stages, and what compiling them takes [byte]."""
-
-KEPT_PER_VOXEL, KEPT_PER_OCCUPIED = 8.0, 60.0
-"""What the features of a map hold while it has pairs to come [byte]: states twice, nearest voxels and two codes for
-each voxel of the box around what is known; 14 numbers for each occupied one."""
-
-WORK_PER_VOXEL, WORK_PER_OCCUPIED = 0.5, 100.0
-"""What the two maps of a pair take beside that while they are worked on [byte]. With these, estimates were 1.0 to 1.8
-times what a process that compiled all kernels grew by in one call (`python -m bench memory`): what needs half of the
-memory that is available is never refused."""
-
 
 class MapSize(NamedTuple):
     """What the memory of a map depends on.
 
     Attributes:
-        sides: Of its block [voxel].
+        sides: Sides of the map's block [voxel].
         occupied: Number of occupied voxels.
-        voxel_size: Of the map [m].
+        voxel_size: Voxel size of the map [m].
     """
 
     sides: tuple[int, ...]
@@ -52,7 +40,7 @@ def check_register_memory(grids: Sequence[VoxelGrid], voxel_size: float) -> None
 
     Args:
         grids: All maps that are kept at the same time; each pair of them is registered.
-        voxel_size: At which they are compared [m].
+        voxel_size: Voxel size at which they are compared [m].
 
     Raises:
         InputError: If a map has more voxels at that size than kernels can count, or all need more memory than there is
@@ -97,14 +85,22 @@ def _check_index_range(grids: Sequence[VoxelGrid], voxel_size: float) -> None:
 def register_memory(sizes: Sequence[MapSize], voxel_size: float) -> float:
     """Estimated peak beside the maps themselves and the running process [byte].
 
+    Estimates were 1.0 to 1.8 times what a process that compiled all kernels grew by in one call
+    (`python -m bench memory`): what needs half of the memory that is available is never refused.
+
     Args:
-        sizes: Of all maps whose features are kept.
-        voxel_size: At which they are compared [m].
+        sizes: Sizes of all maps whose features are kept.
+        voxel_size: Voxel size at which they are compared [m].
     """
     scaled = [size.at(voxel_size) for size in sizes]
-    kept = [KEPT_PER_VOXEL * voxels + KEPT_PER_OCCUPIED * occupied for voxels, occupied in scaled]
-    work = sorted(WORK_PER_VOXEL * voxels + WORK_PER_OCCUPIED * occupied for voxels, occupied in scaled)
-    return FIXED + sum(kept) + sum(work[-2:])
+    # While a map has pairs to come, its features hold states twice, nearest voxels and two codes for each voxel of the
+    # box around what is known, and 14 numbers for each occupied one.
+    kept = [8.0 * voxels + 60.0 * occupied for voxels, occupied in scaled]
+    # The two maps of a pair take more while they are worked on; the largest two may be a pair.
+    work = sorted(0.5 * voxels + 100.0 * occupied for voxels, occupied in scaled)
+    # Compiled kernels of all stages, and what compiling them takes, whatever the maps.
+    kernels = 0.75 * GIGABYTE
+    return kernels + sum(kept) + sum(work[-2:])
 
 
 def _known_sides(states: np.ndarray) -> tuple[int, ...]:

@@ -33,8 +33,8 @@ class Merge(eqx.Module):
 
     Attributes:
         grid: The fused map in the world frame; None when no two maps fit together.
-        poses: One `T_world_map` (4, 4) float32 a map, or None where it fits none. World is the frame of the
-            first map that was merged.
+        poses: Pose `T_world_map` (4, 4) float32 of each map, or None for a map that fits none. World is the
+            frame of the first map that was merged.
         pairs: (a, b, registration) for each pair that was tried, a < b.
         status: "merged" all maps, "partial" some of them, "no_overlap" none.
         loops: Disagreement of the accepted pairs outside the tree; empty with two maps.

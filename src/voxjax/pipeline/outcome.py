@@ -7,7 +7,8 @@ import numpy as np
 from .._results import RESULTS
 from ..refinement.outcome import Refinement
 from ..registration.judging.conflict_pieces import net_scores
-from ..registration.judging.leaders import Judgement, Leaders
+from ..registration.judging.judgement import Judgement
+from ..registration.judging.leaders import Leaders
 from ..registration.judging.settings import VerdictConfig
 from ..registration.judging.verdict import Finding, support
 from ..registration.types import Evidence, Hypothesis, Registration
@@ -49,7 +50,7 @@ def registration_of(
         pose: The best leader after the last refinement.
         leaders: Distinct poses, best first.
         finding: The verdict.
-        settings: Which poses are rivals.
+        settings: Share of the best score from which on a pose is a rival.
         num_voxels: Number of occupied voxels of both maps.
         stats: Counts and seconds for the report.
     """

@@ -12,15 +12,15 @@ from .._runtime.forks import refuse_after_fork
 from .._runtime.mappings import release_kernels_if_crowded
 from .._runtime.threads import spread
 from ..grid import VoxelGrid
-from ..refinement.refine import refine
+from ..refinement.refine import Refinement, refine
 from ..registration.hypotheses.map_features import MapFeatures, worse_free_space
-from ..registration.hypotheses.proposals import PoseRange
+from ..registration.hypotheses.pose_range import PoseRange
 from ..registration.judging.conflict_pieces import weigh_pieces
 from ..registration.judging.leaders import find_leaders, merge_leaders
 from ..registration.judging.verdict import decide
 from ..registration.paper.register import register_paper
 from ..registration.types import Registration
-from .config import Config, config_from
+from .config import Config, PoseConfig, config_from
 from .features import features_at, working_voxel_size
 from .hypotheses import first_hypotheses, other_hypotheses
 from .memory_need import check_register_memory
@@ -48,8 +48,8 @@ def register(
         config: Settings of the stages of the default preset: a `Config`, nested tables, or None for the defaults.
         gravity_aligned: The z axes of both maps point up, so that only yaw is unknown; default preset only.
         init_guess: A (4, 4) `T_a_b` that is tried as one more hypothesis; default preset only.
-        guess_uncertainty: With a guess: poses that put map b's centroid farther from where the guess puts it than the
-            first number [m], or turn it by more than the second [rad], are left out.
+        guess_uncertainty: Bounds around the guess: poses that put map b's centroid farther from where the guess puts it
+            than the first number [m], or turn it by more than the second [rad], are left out.
         on_stage: Called with the name of each stage as it starts.
 
     Returns:
@@ -108,11 +108,11 @@ def register_features(
     Args:
         a: The map whose frame the pose maps into.
         b: The map that is moved.
-        config: As for `register`.
-        gravity_aligned: As for `register`.
-        init_guess: As for `register`.
-        guess_uncertainty: As for `register`.
-        on_stage: As for `register`.
+        config: Settings of the stages: a `Config`, nested tables, or None for the defaults.
+        gravity_aligned: Whether only yaw is unknown, see `register`.
+        init_guess: A (4, 4) `T_a_b` that is tried as one more hypothesis.
+        guess_uncertainty: Distance [m] and angle [rad] from the guess beyond which poses are left out.
+        on_stage: Called with the name of each stage as it starts.
         seconds: {stage: s} of what was done before, for the report.
 
     Raises:
@@ -156,14 +156,7 @@ def register_features(
 
     # 5. The pose: the best leader, refined once more against both maps, with its covariance.
     with stages.stage("verdict"):
-        pose = refine(
-            a.prepared,
-            b.prepared,
-            leaders.poses[0],
-            max_distance=settings.pose.start_distance * a.prepared.grid.voxel_size,
-            num_points=settings.pose.num_points,
-            both_ways=True,
-        )
+        pose = _last_refinement(a, b, leaders.poses[0], settings.pose)
     counts |= {"has_free_space": has_free_space, "free_space": free_space}
     num_voxels = a.prepared.num_points + b.prepared.num_points
     return registration_of(
@@ -173,6 +166,18 @@ def register_features(
         settings.verdict,
         num_voxels=num_voxels,
         stats=counts | {"seconds": stages.seconds},
+    )
+
+
+def _last_refinement(a: MapFeatures, b: MapFeatures, T_a_b: np.ndarray, settings: PoseConfig) -> Refinement:
+    """A pose refined against the surfaces of both maps."""
+    return refine(
+        a.prepared,
+        b.prepared,
+        T_a_b,
+        max_distance=settings.start_distance * a.prepared.grid.voxel_size,
+        num_points=settings.num_points,
+        both_ways=True,
     )
 
 

@@ -43,7 +43,7 @@ def chain_poses(num_maps: int, tree: Sequence[tuple[int, int, Registration]]) ->
     steps: dict[tuple[int, int], np.ndarray] = {}
     for a, b, registration in tree:
         T_a_b = np.asarray(registration.T_a_b, np.float64)
-        steps[a, b], steps[b, a] = T_a_b, rigid.inverse(T_a_b)
+        steps[a, b], steps[b, a] = T_a_b, np.asarray(rigid.inverse(T_a_b))
     rows, columns = np.asarray(list(steps), np.int32).T
     edges = csr_array((np.ones(len(steps)), (rows, columns)), shape=(num_maps, num_maps))
     order, before = breadth_first_order(edges, min(map(min, steps)))

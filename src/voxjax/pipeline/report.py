@@ -23,9 +23,9 @@ def merge_report(
     """Describe a merge.
 
     Args:
-        merged: What `voxjax.merge` returned.
-        grids: The maps it was given.
-        paths: Where they came from, one a map.
+        merged: Outcome of `voxjax.merge`.
+        grids: Maps that were merged.
+        paths: File that each map came from.
         seconds: More stages to list beside those of the merge, such as reading {stage: s}.
 
     Returns:
@@ -69,7 +69,7 @@ def device_name() -> str:
 
 
 def finite(value: Any) -> Any:
-    """The same data with plain Python numbers, and None for those that are not finite."""
+    """Data with plain Python numbers in place of arrays and scalars, and None for numbers that are not finite."""
     if isinstance(value, dict):
         return {str(key): finite(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

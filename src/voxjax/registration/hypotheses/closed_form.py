@@ -7,9 +7,6 @@ from jaxtyping import Bool, Float
 from ... import rigid
 from ..._types import Array
 
-DEGENERATE_RATIO = 1e-6
-"""Second eigenvalue of the scatter over the first (squared lengths): below it the points lie on one line."""
-
 
 def _centred(
     points: Float[Array, "n 3"], weights: Float[Array, "n"]
@@ -36,7 +33,7 @@ def align_points(
     Args:
         points_a: Points in frame a [m].
         points_b: The points of frame b [m] that they match, row by row.
-        weights: At least 0; 0 leaves a row out (padding). None counts all rows once.
+        weights: Weight of each match, at least 0; 0 leaves a row out (padding). None counts all rows once.
 
     Returns:
         `T_a_b` with `p_a = T_a_b @ p_b`, dtype of the points; the identity where no row counts.
@@ -59,8 +56,8 @@ def is_degenerate(points: Float[Array, "n 3"], weights: Float[Array, "n"] | None
     """Whether points that count are fewer than three or lie on one line, so that no rotation is fixed.
 
     Args:
-        points: [m].
-        weights: As in `align_points`.
+        points: Points [m].
+        weights: Weight of each point; 0 leaves a row out. None counts all rows once.
     """
     if weights is None:
         weights = jnp.ones(points.shape[0], dtype=points.dtype)
@@ -69,4 +66,5 @@ def is_degenerate(points: Float[Array, "n 3"], weights: Float[Array, "n"] | None
     scatter = (local * weights[:, None]).T @ local
     eigenvalues = jnp.linalg.eigvalsh(scatter)
     too_few = jnp.sum(weights > 0, dtype=jnp.int32) < 3
-    return too_few | ~(eigenvalues[1] > DEGENERATE_RATIO * eigenvalues[2])
+    # A ratio of squared lengths: points whose second extent is a thousandth of the first lie on one line.
+    return too_few | ~(eigenvalues[1] > 1e-6 * eigenvalues[2])

@@ -26,7 +26,7 @@ class CornerPoses(NamedTuple):
 
 def corner_frames(normals: np.ndarray) -> np.ndarray:
     """Orthonormal frames (n, 3, 3), columns nearest to the three normals of each corner."""
-    return rigid.nearest_rotation(np.swapaxes(normals.astype(np.float64), 1, 2))
+    return np.asarray(rigid.nearest_rotation(np.swapaxes(normals.astype(np.float64), 1, 2)))
 
 
 def frame_poses(
@@ -45,7 +45,7 @@ def frame_poses(
         a: Corners of a.
         b: Corners of b.
         angle_tolerance: Largest difference between the angles of two faces [deg].
-        max_poses: At most so many poses.
+        max_poses: Largest number of poses.
     """
     a, b = a.trimmed(), b.trimmed()
     if len(a.mask) == 0 or len(b.mask) == 0:
@@ -123,9 +123,15 @@ def subgraph_poses(
     if len(candidates) < 3:
         return SubgraphPoses(np.zeros((0, 4, 4), np.float32), len(candidates), 0, True)
     common = maximum_common_subgraph(
-        a, b, distance_tolerance=distance_tolerance, angle_tolerance=float(np.radians(angle_tolerance)),
-        min_distance=3.0 * distance_tolerance, associations=candidates, max_ties=max_ties, max_nodes=max_nodes,
-    )  # fmt: skip
+        a,
+        b,
+        distance_tolerance=distance_tolerance,
+        angle_tolerance=float(np.radians(angle_tolerance)),
+        min_distance=3.0 * distance_tolerance,
+        associations=candidates,
+        max_ties=max_ties,
+        max_nodes=max_nodes,
+    )
     position_a, position_b = np.asarray(a.position), np.asarray(b.position)
     poses = []
     if len(common) >= 3:
@@ -143,6 +149,11 @@ def strongest(corners: Corners, count: int) -> Corners:
     corners = corners.trimmed()
     order = np.lexsort((-np.asarray(corners.weight), ~np.asarray(corners.is_observed)))[:count]
     rows = (
-        corners.position, corners.normals, corners.weight, corners.convexity, corners.mask, corners.is_observed,
-    )  # fmt: skip
+        corners.position,
+        corners.normals,
+        corners.weight,
+        corners.convexity,
+        corners.mask,
+        corners.is_observed,
+    )
     return Corners(*(np.asarray(part)[order] for part in rows), num_found=corners.num_found)

@@ -75,11 +75,15 @@ def _collect_matches(a: MapDescriptors, b: MapDescriptors, settings: DescriptorC
     parts = []
     for level_a, level_b in _common_levels(a, b):
         rows, _ = match_descriptors(level_a, level_b)
-        parts.append((
-            np.asarray(level_a.points)[rows[:, 0]], np.asarray(level_a.normals)[rows[:, 0]],
-            np.asarray(level_b.points)[rows[:, 1]], np.asarray(level_b.normals)[rows[:, 1]],
-            np.full(len(rows), settings.distance_tolerance * level_a.spacing, np.float32),
-        ))  # fmt: skip
+        parts.append(
+            (
+                np.asarray(level_a.points)[rows[:, 0]],
+                np.asarray(level_a.normals)[rows[:, 0]],
+                np.asarray(level_b.points)[rows[:, 1]],
+                np.asarray(level_b.normals)[rows[:, 1]],
+                np.full(len(rows), settings.distance_tolerance * level_a.spacing, np.float32),
+            )
+        )
     x, n, y, m, tolerance = (np.concatenate(part) for part in zip(*parts, strict=True))
     return _evenly((x, n, y, m, tolerance), settings.max_matches)
 

@@ -24,7 +24,7 @@ def distinct_rows(
     their bounds.
 
     Args:
-        rotations: One a row.
+        rotations: Rotation of each row.
         places: Where each row puts a point that matters [m]; None if only rotations count.
         scores: Larger is better; equal ones in the order given. None takes rows in the order given.
         degrees: Angle below which rotations are near [deg].
@@ -61,10 +61,10 @@ def distinct_poses(
     Args:
         poses: `T_a_b`.
         point: A point of b, such as its centroid [m].
-        scores: As in `distinct_rows`, as for the other arguments.
+        scores: Larger is better; equal ones in the order given. None takes poses in the order given.
         metres: Distance below which images of the point are near [m].
         degrees: Angle below which rotations are near [deg].
-        max_count: Rows kept at most.
+        max_count: Rows kept at most; None for all.
     """
     rotations = poses[:, :3, :3]
     places = rotations @ point + poses[:, :3, 3]

@@ -84,8 +84,13 @@ def exhaustive_hypotheses(
         placements = _place(points_a, points_b, turned, frame, cell)
         if all(np.prod(place.box_a + place.box_b) <= chosen.max_cells for place in placements):
             break
-    maps = [_coarse_map(prepared, factor) for prepared in (a, b)]
-    found = search_translations(*maps, placements, num_peaks=num_peaks, conflict_weight=conflict_weight)
+    found = search_translations(
+        _coarse_map(a, factor),
+        _coarse_map(b, factor),
+        placements,
+        num_peaks=num_peaks,
+        conflict_weight=conflict_weight,
+    )
     poses, scores = [], []
     for place, (top, shift) in zip(placements, found, strict=True):
         # A cell x of b lies at low_b + x * cell, and meets cell x + shift of a at low_a + (x + shift) * cell.
@@ -107,7 +112,7 @@ def _coarse_map(prepared: PreparedMap, factor: int) -> CoarseMap:
     grid = prepared.grid
     codes = prepared.coarse_codes(factor)
     lists = prepared.points, prepared.weights, prepared.num_points
-    return CoarseMap(codes, grid.states.shape, np.asarray(grid.origin), grid.voxel_size, *lists)
+    return CoarseMap(codes, grid.shape, np.asarray(grid.origin), grid.voxel_size, *lists)
 
 
 def _place(
@@ -130,10 +135,16 @@ def _place(
         order = np.argsort(-(box_a + box_b), kind="stable")
         placements.append(
             Placement(
-                box_a[order], box_b[order], frame[order], low_a[order], upright[order], low_b[order],
-                largest[order, 0] < 0, cell,
+                box_a[order],
+                box_b[order],
+                frame[order],
+                low_a[order],
+                upright[order],
+                low_b[order],
+                largest[order, 0] < 0,
+                cell,
             )
-        )  # fmt: skip
+        )
     return placements
 
 

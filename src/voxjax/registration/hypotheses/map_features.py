@@ -10,11 +10,11 @@ from ...features.corners import corners_of_planes
 from ...features.types import Corners
 from ...grid import VoxelGrid
 from ...maps.inferred_space import infer_free_space
-from ...maps.prepared import PreparedMap, prepare_map
+from ...maps.prepared import PreparedMap, draw_rows, prepare_map
 from ...maps.settings import MapConfig
 from ...matching.descriptors import MapDescriptors, describe_map
 from ...planes.extract import extract_planes
-from .rotations import dominant_directions, sample_normals
+from .directions import dominant_directions
 from .settings import RotationConfig, SourceConfig
 
 
@@ -44,11 +44,11 @@ class MapFeatures:
     """One map with its fields and directions, and with corners and descriptors on demand.
 
     Attributes:
-        prepared: Fields and surface.
+        prepared: Fields and surface of the map.
         directions: Dominant unsigned normals, strongest first.
         shares: Share of the surface along each.
         normals: Normals drawn by leverage, that rotations are judged by.
-        late: Corners and descriptors.
+        late: Corners and descriptors, computed when first asked for.
         free_space: "observed" by the sensor, "inferred" from what encloses it, or "unknown".
     """
 
@@ -75,9 +75,9 @@ def map_features(
     """Features of a map that has occupied voxels.
 
     Args:
-        grid: At the working voxel size.
+        grid: A map at the working voxel size.
         max_virtual: Largest number of virtual corners.
-        settings: What of the map is inferred; None for the defaults.
+        settings: Whether free space is inferred, and when it is used; None for the defaults.
         rotation: How many normals and directions are taken; None for the defaults.
     """
     chosen = RotationConfig() if rotation is None else rotation
@@ -98,7 +98,7 @@ def map_features(
         prepared=prepared,
         directions=directions,
         shares=shares,
-        normals=sample_normals(normals, drawn, count=chosen.num_normals),
+        normals=normals[draw_rows(drawn, chosen.num_normals)],
         late=LateFeatures(prepared.grid, max_virtual),
         free_space=free_space,
     )

@@ -1,13 +1,13 @@
 """Hypotheses of a pair, source by source: each source is one function that gives `Proposals`.
 
-`admit` joins what several sources proposed and leaves out the poses that cannot be (`PoseRange`).
+`admit` joins what several sources proposed and leaves out the poses that cannot be (`pose_range`).
 """
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ..._runtime.threads import spread
 from .corners import frame_poses, subgraph_poses
@@ -15,6 +15,7 @@ from .descriptors import descriptor_hypotheses
 from .distinct import distinct_poses
 from .exhaustive import exhaustive_hypotheses, upright_frame
 from .map_features import MapFeatures
+from .pose_range import PoseRange
 from .ranking import rank_poses
 from .rotations import rotation_hypotheses
 from .settings import (
@@ -41,37 +42,6 @@ class Proposals(NamedTuple):
     sources: tuple[str, ...]
     num_found: int
     counts: dict[str, Any]
-
-
-class PoseRange(NamedTuple):
-    """Which poses of a pair can be.
-
-    Attributes:
-        centroid: Centroid of map b [m], float32 (3,).
-        max_lean: Largest angle by which a pose may tilt the vertical [deg]; None where it may tilt it at will.
-        guess: A pose (4, 4) that the others must be near to; None where any pose may be.
-        metres: Largest distance between where a pose and the guess put the centroid [m].
-        radians: Largest angle between a pose and the guess [rad].
-    """
-
-    centroid: Float[np.ndarray, "3"]
-    max_lean: float | None = None
-    guess: Float[np.ndarray, "4 4"] | None = None
-    metres: float = np.inf
-    radians: float = np.inf
-
-    def admits(self, poses: Float[np.ndarray, "k 4 4"]) -> Bool[np.ndarray, "k"]:
-        """Whether each pose is upright, where it must be, and near the guess."""
-        is_admitted = np.ones(len(poses), bool)
-        if self.max_lean is not None:
-            is_admitted &= poses[:, 2, 2] > np.cos(np.radians(self.max_lean))
-        if self.guess is not None:
-            change = poses - self.guess[None]
-            offset = change[:, :3, :3] @ self.centroid + change[:, :3, 3]
-            trace = np.einsum("kij,ij->k", poses[:, :3, :3], self.guess[:3, :3])
-            is_admitted &= np.linalg.norm(offset, axis=1) <= self.metres
-            is_admitted &= trace >= 1.0 + 2.0 * np.cos(min(self.radians, np.pi))
-        return is_admitted
 
 
 def admit(proposals: Sequence[Proposals], pose_range: PoseRange) -> Proposals:

@@ -14,7 +14,8 @@ from ..._runtime.threads import spread
 from ...maps.prepared import PreparedMap
 from ...ops.evidence.lookup import cells_on_host, turned_on_host
 from ...ops.evidence.scoring import CONFLICT, HIT
-from .leaders import Judgement, Leaders
+from .judgement import Judgement
+from .leaders import Leaders
 from .settings import VerdictConfig
 
 
@@ -30,7 +31,7 @@ def piece_area(
         min_area: Conflicts that hang together count from so much surface on [m^2].
     """
     in_pieces = num_hits = 0
-    for target, other, T in ((a, b, T_a_b), (b, a, rigid.inverse(T_a_b))):
+    for target, other, T in ((a, b, T_a_b), (b, a, np.asarray(rigid.inverse(T_a_b)))):
         points = np.asarray(other.points)[: other.num_points]
         code = _codes_at(target, points, T)
         num_hits += int(np.count_nonzero(code == HIT))

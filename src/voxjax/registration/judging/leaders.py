@@ -5,104 +5,15 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ... import rigid
 from ..._runtime.placement import to_device
 from ...maps.prepared import PreparedMap, sample_rows
 from ...ops.evidence.align import align_poses
-from ...ops.evidence.scoring import surface_evidence
 from ..hypotheses.distinct import distinct_poses
 from ..hypotheses.proposals import Proposals
 from ..hypotheses.ranking import rank_poses
 from ..hypotheses.settings import EvidenceConfig
+from .judgement import Judgement, judge_poses, no_judgement
 from .settings import LeaderConfig
-
-
-class Judgement(NamedTuple):
-    """Evidence of some poses; shares of the leverage of a map, mean of both ways.
-
-    Attributes:
-        hits: (k,) on a surface, facing the same way.
-        conflicts: (k,) in clear free space.
-        opposed: (k,) on a surface whose free side faces the other way.
-        information: (k, 3, 3) what the hits fix, in frame a: 1/3 of the identity when everything agrees.
-        pieces: (k,) surface in conflicts that hang together, of both maps [m^2]; 0 where nobody looked
-            (`conflict_pieces`).
-        shared: (k,) surface that agrees, of both maps [m^2]; 0 where nobody looked.
-        conflict_weight: How many hits a conflict outweighs.
-    """
-
-    hits: np.ndarray
-    conflicts: np.ndarray
-    opposed: np.ndarray
-    information: np.ndarray
-    pieces: np.ndarray
-    shared: np.ndarray
-    conflict_weight: float = EvidenceConfig.conflict_weight
-
-    def score(self) -> np.ndarray:
-        """Hits minus weighted conflicts (k,), at most 1."""
-        return self.hits - self.conflict_weight * self.conflicts
-
-    def take(self, rows: np.ndarray) -> "Judgement":
-        """The evidence of some of the poses."""
-        return Judgement._make([*(part[rows] for part in self[:-1]), self.conflict_weight])
-
-    def joined(self, other: "Judgement") -> "Judgement":
-        """The evidence of these poses and then of others, judged with the same weight."""
-        pairs = zip(self[:-1], other[:-1], strict=True)
-        return Judgement._make([*map(np.concatenate, pairs), self.conflict_weight])
-
-
-def judge_poses(
-    a: PreparedMap,
-    b: PreparedMap,
-    poses: Float[np.ndarray, "k 4 4"],
-    *,
-    num_points: int | None,
-    conflict_weight: float = EvidenceConfig.conflict_weight,
-    is_coarse: bool = False,
-) -> Judgement:
-    """Evidence of poses, both ways.
-
-    Args:
-        a: First map.
-        b: Second map.
-        poses: `T_a_b` candidates.
-        num_points: Voxels of each map to look at; None for all of them.
-        conflict_weight: How many hits a conflict outweighs.
-        is_coarse: Judge at the tolerance of unrefined poses.
-    """
-    T = poses.astype(np.float32)
-    is_signed = to_device(np.bool_(a.has_free_space and b.has_free_space))
-    sums, information = [], []
-    for target, other, direction in ((a, b, T), (b, a, rigid.inverse(T))):
-        # On the host: each new shape of a map would compile a lookup here.
-        points, sides, weights = (
-            np.asarray(a)[: other.num_points] for a in (other.points, other.sides, other.weights)
-        )
-        if num_points is not None:
-            rows = sample_rows(other, num_points)
-            points, sides = points[rows], sides[rows]
-            weights = np.full(num_points, 1.0 / num_points, np.float32)
-        codes = target.coarse_codes(target.coarse_factor) if is_coarse else target.codes
-        shares, fixed = surface_evidence(
-            codes, target.keys, *target.block, target.sides, points, sides, weights, direction, is_signed,
-        )  # fmt: skip
-        sums.append(np.asarray(shares, np.float64))
-        information.append(np.asarray(fixed, np.float64))
-    rotation = T[:, :3, :3].astype(np.float64)
-    information[1] = np.einsum("kij,kjl,kml->kim", rotation, information[1], rotation)
-    mean = (sums[0] + sums[1]) / 2
-    nobody_looked = np.zeros(len(poses))
-    return Judgement(
-        mean[:, 0],
-        mean[:, 1],
-        mean[:, 3],
-        (information[0] + information[1]) / 2,
-        nobody_looked,
-        nobody_looked,
-        conflict_weight,
-    )
 
 
 def refine_poses(
@@ -119,12 +30,19 @@ def refine_poses(
     rows = sample_rows(b, num_points)
     weights = np.full(num_points, 1.0 / num_points, np.float32)
     points = np.asarray(b.points)[rows]
-    scales = to_device((np.float32(start_distance), np.float32(final_distance)))
+    start, final = to_device((np.float32(start_distance), np.float32(final_distance)))
     refined = align_poses(
-        a.keys, *a.block, a.points, a.normals, points, weights, poses.astype(np.float32),
+        a.keys,
+        *a.block,
+        a.points,
+        a.normals,
+        points,
+        weights,
+        poses.astype(np.float32),
         num_steps=num_steps,
-        start_distance=scales[0], final_distance=scales[1],
-    )  # fmt: skip
+        start_distance=start,
+        final_distance=final,
+    )
     return np.asarray(refined)
 
 
@@ -162,8 +80,7 @@ def find_leaders(
     """
     poses, sources = proposals.poses, proposals.sources
     if len(poses) == 0:
-        nothing = np.zeros(0)
-        return Leaders(poses, Judgement(nothing, nothing, nothing, np.zeros((0, 3, 3)), nothing, nothing), ())
+        return Leaders(poses, no_judgement(weights.conflict_weight), ())
     coarse, weight = weights.coarse_conflict_weight, weights.conflict_weight
 
     # 1. All hypotheses by few points; of those that are alike the best.

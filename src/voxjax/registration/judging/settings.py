@@ -27,9 +27,10 @@ class LeaderConfig(Settings, table="leader"):
             it alike are one hypothesis.
         unrefined_degrees: Unrefined poses that turn map b alike but for less than this [deg] and put it at one place
             are one hypothesis.
-        distinct_voxels: As `unrefined_voxels`, for refined poses [voxel].
-        distinct_degrees: As `unrefined_degrees`, for refined poses [deg]: with 4 degrees, poses on their way to the
-            best one of a coarse map stood beside it as rivals.
+        distinct_voxels: Refined poses that put the centroid of map b nearer to each other than this [voxel] and turn it
+            alike are one.
+        distinct_degrees: Refined poses that turn map b alike but for less than this [deg] and put it at one place are
+            one: with 4 degrees, poses on their way to the best one of a coarse map stood beside it as rivals.
     """
 
     num_ranked: int = setting(512, low=1, high=100_000)

@@ -19,7 +19,7 @@ import numpy as np
 
 from ..types import Verdict
 from .conflict_pieces import net_scores, rivals
-from .leaders import Judgement
+from .judgement import Judgement
 from .settings import VerdictConfig
 
 
@@ -28,8 +28,8 @@ class Coefficients(NamedTuple):
 
     Attributes:
         none: Weight of no overlap.
-        score: Of the logarithm of the evidence.
-        support: Of the logarithm of the support.
+        score: Coefficient of the logarithm of the score.
+        support: Coefficient of the logarithm of the support.
     """
 
     none: float
@@ -50,7 +50,7 @@ class Finding(NamedTuple):
     Attributes:
         verdict: "accepted", "ambiguous" or "no_overlap".
         confidence: Probability that the first pose is right.
-        reason: One sentence.
+        reason: One sentence for a person.
         none: Probability that no leader is right.
     """
 

@@ -123,8 +123,8 @@ def fit_points(
     Args:
         points_a: Points of a [m].
         points_b: Points of b that they match [m].
-        weights: At least 0, 0 for padding, sum 1.
-        T_a_b: Start.
+        weights: Weight of each match, 0 for padding; the sum is 1.
+        T_a_b: Pose that the fit starts from.
         scale: Distance from which on an offset counts linearly [m].
         max_steps: Largest number of steps of the solver.
 
@@ -145,8 +145,13 @@ def fit_points(
 
     solver = optx.LevenbergMarquardt(rtol=1e-5, atol=1e-5, linear_solver=lx.Normal(lx.Cholesky()))
     solution = optx.least_squares(
-        residuals, solver, jnp.zeros(6, points_a.dtype), (points_a, points_b, weights, T_a_b),
-        options={"jac": "fwd"}, max_steps=max_steps, throw=False,
-    )  # fmt: skip
+        residuals,
+        solver,
+        jnp.zeros(6, points_a.dtype),
+        (points_a, points_b, weights, T_a_b),
+        options={"jac": "fwd"},
+        max_steps=max_steps,
+        throw=False,
+    )
     T = move_about(T_a_b, centroid, solution.value * units)
     return T, solution.result == optx.RESULTS.successful, jnp.asarray(solution.stats["num_steps"], jnp.int32)

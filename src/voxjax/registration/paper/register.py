@@ -29,9 +29,8 @@ def register_paper(
 ) -> Registration:
     """Register two maps as the paper does: corners, backtracking with early transform, tie-break, transform.
 
-    The paper knows no verdict. Here a pose is accepted when at least six corners match, occupied and free
-    space of both maps support it and no tied scheme with another pose fuses nearly as many voxels; the
-    confidence is a rough figure.
+    The paper knows no verdict. Here a pose is accepted when enough corners match, occupied and free space of both maps
+    support it and no tied scheme elsewhere fuses nearly as many voxels; the confidence is a rough figure.
 
     Args:
         a: The map whose frame the pose maps into.
@@ -54,16 +53,15 @@ def register_paper(
 
     # Section III: corners.
     corners_a, corners_b = (_strongest(detect_corners(m, preset="paper"), chosen.max_corners) for m in (a, b))
-    stats: dict[str, Any] = {
-        "num_corners_a": len(corners_a.position),
-        "num_corners_b": len(corners_b.position),
-        "seconds": clock.seconds,
-    }
+    counts_of_corners = len(corners_a.position), len(corners_b.position)
+    stats: dict[str, Any] = dict(zip(("num_corners_a", "num_corners_b"), counts_of_corners, strict=True))
+    stats["seconds"] = clock.seconds
     clock.lap("corners")
-    if min(len(corners_a.position), len(corners_b.position)) < 3:
+    if min(counts_of_corners) < 3:
         return _failure(RESULTS.too_few_corners, stats)
 
     # Section IV.B-C: compatibility of all associations, then the largest schemes by backtracking.
+    points_a, points_b = np.asarray(corners_a.position), np.asarray(corners_b.position)
     tolerance = chosen.distance_tolerance * voxel
     graph = consistency_graph(corners_a, corners_b, distance_tolerance=tolerance)
     clock.lap("consistency")
@@ -71,22 +69,13 @@ def register_paper(
         a.occupied_points(), b.occupied_points(), voxel, max_neighbours=chosen.max_neighbours
     )
     early_align = neighbours.early_align()
-    points_a, points_b = np.asarray(corners_a.position), np.asarray(corners_b.position)
     masks = np.asarray(corners_a.mask), np.asarray(corners_b.mask)
-    found = backtrack(
-        graph.associations[: graph.num_associations],
-        graph.adjacency,
-        extend=close_corners(points_a, points_b, *masks, tolerance, early_align),
-        max_nodes=chosen.max_nodes,
-    )
+    extend = close_corners(points_a, points_b, *masks, tolerance, early_align)
+    associations = graph.associations[: graph.num_associations]
+    found = backtrack(associations, graph.adjacency, extend=extend, max_nodes=chosen.max_nodes)
     size = len(found.schemes[0])
-    stats |= {
-        "num_associations": graph.num_associations,
-        "clique_size": size,
-        "num_nodes": found.num_nodes,
-        "num_hypotheses": len(found.schemes),
-        "search_completed": found.completed,
-    }
+    stats |= {"num_associations": graph.num_associations, "clique_size": size, "num_nodes": found.num_nodes}
+    stats |= {"num_hypotheses": len(found.schemes), "search_completed": found.completed}
     clock.lap("search")
     if size < 3:
         return _failure(RESULTS.too_few_associations, stats)
@@ -98,26 +87,25 @@ def register_paper(
     clock.lap("tie-break")
 
     # Section IV.D and V.B: the transform from the matches and their neighbouring points.
-    scheme = found.schemes[best]
+    first, second = found.schemes[best].T
+    radius = chosen.neighbour_radius * voxel
     poses[best], _ = align_matches(
-        points_a[scheme[:, 0]],
-        points_b[scheme[:, 1]],
-        neighbours,
-        radius=chosen.neighbour_radius * voxel,
-        num_rounds=chosen.num_rounds,
+        points_a[first], points_b[second], neighbours, radius=radius, num_rounds=chosen.num_rounds
     )
     clock.lap("transform")
 
     # What the paper leaves open: covariance and verdict.
     order = np.argsort(-counts, kind="stable")[: chosen.max_hypotheses]
-    judged = judge_schemes(
-        a, b, poses[order], counts[order], size=size, settings=chosen, conflict_weight=conflict_weight
-    )
+    options = {"size": size, "settings": chosen, "conflict_weight": conflict_weight}
+    judged = judge_schemes(a, b, poses[order], counts[order], **options)
     clock.lap("evidence")
-    if found.completed:
-        return replace(judged, result=RESULTS.successful, stats=stats)
-    reason = f"{judged.reason} The search stopped at its budget of {chosen.max_nodes} nodes."
-    return replace(judged, result=RESULTS.budget_exhausted, stats=stats, reason=reason)
+    return replace(judged if found.completed else _cut_short(judged, chosen.max_nodes), stats=stats)
+
+
+def _cut_short(judged: Registration, max_nodes: int) -> Registration:
+    """A registration whose search did not come to its end."""
+    reason = f"{judged.reason} The search stopped at its budget of {max_nodes} nodes."
+    return replace(judged, result=RESULTS.budget_exhausted, reason=reason)
 
 
 class _Clock:
@@ -151,7 +139,12 @@ def _failure(result: RESULTS, stats: dict) -> Registration:
         ("num_corners_a", "num_corners_b", "num_associations", "clique_size", "num_hypotheses"), 0
     )
     return Registration(
-        T_a_b=np.eye(4, dtype=np.float32), verdict="no_overlap", confidence=0.0,
-        covariance=np.eye(6, dtype=np.float32), hypotheses=(), reason=RESULTS[result], result=result,
+        T_a_b=np.eye(4, dtype=np.float32),
+        verdict="no_overlap",
+        confidence=0.0,
+        covariance=np.eye(6, dtype=np.float32),
+        hypotheses=(),
+        reason=RESULTS[result],
+        result=result,
         stats=nothing | {"seconds": {}} | stats,
-    )  # fmt: skip
+    )

@@ -56,7 +56,7 @@ def _hypotheses(
 ) -> tuple[Hypothesis, ...]:
     """The poses with what occupied and free space say about them, counted both ways over all voxels."""
     forth = _counts(a, b, poses)
-    back = _counts(b, a, rigid.inverse(poses))
+    back = _counts(b, a, np.asarray(rigid.inverse(poses)))
     total = a.num_points + b.num_points
     result = []
     for T, (hits, conflicts, undecided) in zip(poses, forth + back, strict=True):

@@ -6,7 +6,8 @@ import pytest
 from small_worlds import FURNITURE, draw_map, pose
 from voxjax.maps.prepared import prepare_map
 from voxjax.registration.judging.conflict_pieces import piece_area, weigh_pieces
-from voxjax.registration.judging.leaders import Leaders, judge_poses
+from voxjax.registration.judging.judgement import judge_poses
+from voxjax.registration.judging.leaders import Leaders
 from voxjax.registration.judging.settings import VerdictConfig
 
 T_MAP_WORLD = pose(yaw=33.0, tilt=12.0, translation=(3.0, -2.0, 1.0))

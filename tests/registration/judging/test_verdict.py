@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from voxjax.registration.judging.conflict_pieces import net_scores, rivals
-from voxjax.registration.judging.leaders import Judgement
+from voxjax.registration.judging.judgement import Judgement
 from voxjax.registration.judging.settings import VerdictConfig
 from voxjax.registration.judging.verdict import decide, probabilities, support
 

@@ -1,0 +1,39 @@
+"""Dominant directions of the surface of a map."""
+
+import numpy as np
+
+from voxjax.registration.hypotheses.directions import dominant_directions
+
+AXES = np.eye(3)
+
+
+def noisy_normals(axes, counts, degrees, seed):
+    rng = np.random.default_rng(seed)
+    normals = np.repeat(axes, counts, axis=0)
+    normals = normals + np.radians(degrees) * rng.normal(size=normals.shape)
+    return (normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32)
+
+
+def test_directions_are_the_axes_of_the_surface():
+    normals = noisy_normals(np.concatenate([AXES, -AXES]), [400, 300, 200, 400, 100, 250], 3.0, 0)
+    directions, shares = dominant_directions(normals, np.ones(len(normals), np.float32))
+    found = np.abs(directions[:3] @ AXES.T)
+    assert (found.max(axis=1) > np.cos(np.radians(1.0))).all()
+    assert sorted(found.argmax(axis=1)) == [0, 1, 2]
+    assert (np.diff(shares) <= 1e-9).all()
+
+
+def test_few_strong_directions_are_taken_and_weak_ones_left_out():
+    normals = noisy_normals(AXES, [400, 300, 2], 1.0, 1)
+    weights = np.ones(len(normals), np.float32)
+    assert len(dominant_directions(normals, weights)[0]) == 2
+    assert len(dominant_directions(normals, weights, min_share=0.0, max_directions=3)[0]) == 3
+    (first,), (share,) = dominant_directions(normals, weights, max_directions=1)
+    assert abs(first @ AXES[0]) > 0.999
+    np.testing.assert_allclose(share, 400 / 702, atol=0.02)
+
+
+def test_no_normals_have_no_directions():
+    directions, shares = dominant_directions(np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
+    assert directions.shape == (0, 3)
+    assert shares.shape == (0,)
