@@ -8,7 +8,7 @@ import voxjax as vx
 from oracles.motions import random_pose
 from oracles.rooms import VOXEL, furnished_room
 from voxjax.maps.prepared import prepare_map
-from voxjax.refinement.residuals.planes import Planes
+from voxjax.refinement.residuals.planes import PointToPlane
 from voxjax.refinement.solve.problem import PoseProblem
 
 
@@ -39,7 +39,7 @@ def small(prepared):
         assert part.num_points <= ROWS
 
     def cut(term):
-        if isinstance(term, Planes):
+        if isinstance(term, PointToPlane):
             surface = term.surface
             rows = {name: getattr(surface, name)[:ROWS] for name in ("points", "normals", "planarity")}
             return eqx.tree_at(lambda t: t.surface, term, surface._replace(keys=surface.keys[:CELLS], **rows))

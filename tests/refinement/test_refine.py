@@ -13,7 +13,7 @@ from voxjax.refinement.maps.parts import radius_of, sample_of, surface_of
 from voxjax.refinement.maps.views import hard_view
 from voxjax.refinement.refine import refine
 from voxjax.refinement.residuals.losses import Loss, robust_slope, robustify
-from voxjax.refinement.residuals.planes import SLIDE_WEIGHT, Planes, Sample
+from voxjax.refinement.residuals.planes import SLIDE_WEIGHT, PointToPlane, Sample
 from voxjax.refinement.residuals.terms import Level
 from voxjax.refinement.solve.equations import move_about
 from voxjax.refinement.solve.pose import solve_pose
@@ -39,7 +39,7 @@ def arrays(pair):
 
 def planes_of(surface, sample, loss: Loss = "geman_mcclure"):
     problem = PoseProblem(
-        (Planes(surface, sample, np.asarray(SLIDE_WEIGHT, np.float32), loss),),
+        (PointToPlane(surface, sample, np.asarray(SLIDE_WEIGHT, np.float32), loss),),
         sample.centroid,
         radius_of(sample),
     )

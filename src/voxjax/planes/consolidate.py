@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int32
 from scipy.sparse import coo_matrix
 
-from .grow import grow_regions, keep_large
+from .grow import grow_segments, keep_large
 from .segments import SegmentPlanes, plane_of_segments
 from .surface import Surface
 
@@ -47,7 +47,7 @@ def split_segments(
         if number == 0:
             edges = edges[_agree(surface, edges) > min_cosine]
         i, j = edges.T
-        regrown = grow_regions(edges[rest[i] & rest[j]], rest, surface.curvature)
+        regrown = grow_segments(edges[rest[i] & rest[j]], rest, surface.curvature)
         labels = np.where(rest, np.where(regrown >= 0, regrown + num, -1), labels).astype(np.int32)
         labels = keep_large(labels, min_elements)
         is_active &= labels >= 0

@@ -35,7 +35,7 @@ def segment_planes(
     """
     is_seed = surface.curvature < max_curvature
     is_edge = _similar(surface, np.cos(np.radians(max_angle)))
-    labels = grow_regions(surface.pairs[is_edge], is_seed, surface.curvature)
+    labels = grow_segments(surface.pairs[is_edge], is_seed, surface.curvature)
     return keep_large(labels, min_elements)
 
 
@@ -47,7 +47,7 @@ def _similar(surface: Surface, min_cosine: float) -> Bool[np.ndarray, "m"]:
     return np.where(both, cosine, np.abs(cosine)) > min_cosine
 
 
-def grow_regions(
+def grow_segments(
     edges: Int32[np.ndarray, "m 2"], is_seed: Bool[np.ndarray, "n"], curvature: Float32[np.ndarray, "n"]
 ) -> Int32[np.ndarray, "n"]:
     """Regions of seeds joined by edges, in order of their smallest curvature, and the border elements they reach."""

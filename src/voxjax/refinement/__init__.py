@@ -8,7 +8,7 @@ from .residuals.distance import Distances
 from .residuals.losses import Loss
 from .residuals.occupancy import Occupancies
 from .residuals.pairs import CornerPairs, Prior
-from .residuals.planes import Planes, Sample, Surface
+from .residuals.planes import NearestSurface, PointToPlane, Sample
 from .residuals.terms import Level, PointTerm, Term
 from .solve.covariance import pose_covariance
 from .solve.joint import solve_joint
@@ -23,14 +23,14 @@ __all__ = [
     "JointProblem",
     "Level",
     "Loss",
+    "NearestSurface",
     "Occupancies",
-    "Planes",
     "PointTerm",
+    "PointToPlane",
     "PoseProblem",
     "Prior",
     "RefinedPose",
     "Sample",
-    "Surface",
     "Term",
     "implicit_covariance",
     "pose_covariance",

@@ -12,7 +12,7 @@ from ...maps.prepared import FIELD_RADIUS, PreparedMap
 from ...ops.evidence.nearest import NOTHING_NEAR, split_keys
 from ..residuals.distance import plane_distances
 from ..residuals.fields import Field
-from ..residuals.planes import Surface
+from ..residuals.planes import NearestSurface
 
 BAND_SQ = 9
 """Opinions of voxels within three voxels of a surface are told apart; beyond, free is free."""
@@ -21,7 +21,7 @@ LEAST_VALUES = 1 << 16
 """Values of the shortest field; lengths climb in wide steps, so that maps share compiled kernels."""
 
 
-def distance_field_of(prepared: PreparedMap, surface: Surface) -> Field:
+def distance_field_of(prepared: PreparedMap, surface: NearestSurface) -> Field:
     """Truncated distances from the planes of a map, signed where its normals say which side is free.
 
     Row 0 of the values is the end of the reach, that of all voxels that are farther, and of what is outside.

@@ -7,6 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from ... import rigid
 from ..._checks import InputError
@@ -98,11 +100,12 @@ def overlapping_pairs(maps: Sequence[PreparedMap | None], poses: Float[np.ndarra
 
 
 def connected_parts(num_maps: int, pairs: Sequence[Pair]) -> Int[np.ndarray, "maps"]:
-    """Of each map, the lowest number of the maps that pairs connect it with."""
-    part = np.arange(num_maps)
-    for a, b in pairs:
-        part[part == max(part[a], part[b])] = min(part[a], part[b])
-    return part
+    """For each map the lowest number of the maps that pairs connect it with, itself included."""
+    a, b = np.asarray(pairs, np.int64).reshape(-1, 2).T
+    graph = coo_array((np.ones(len(pairs), np.int8), (a, b)), shape=(num_maps, num_maps))
+    part = connected_components(graph, directed=False)[1]
+    _, lowest, number = np.unique(part, return_index=True, return_inverse=True)
+    return lowest[number]
 
 
 def held_maps(parts: Int[np.ndarray, "maps"], anchor: int) -> Bool[np.ndarray, "maps"]:

@@ -16,7 +16,7 @@ from ...maps.prepared import PreparedMap
 from ...ops.evidence.nearest import INDEX_BITS, NOTHING_NEAR
 from ..residuals.atlas import AtlasField, AtlasSurface
 from ..residuals.fields import Field
-from ..residuals.planes import Surface
+from ..residuals.planes import NearestSurface
 from .field_tables import LEAST_VALUES
 from .parts import Target
 
@@ -51,7 +51,9 @@ def in_common_tables(targets: Sequence[Target], maps: Sequence[PreparedMap]) -> 
     ]
 
 
-def _surfaces(surfaces: Sequence[Surface], sizes: Sequence[int], counts: Sequence[int]) -> list[AtlasSurface]:
+def _surfaces(
+    surfaces: Sequence[NearestSurface], sizes: Sequence[int], counts: Sequence[int]
+) -> list[AtlasSurface]:
     """One after the other: keys of as many cells and lists of as many rows as each map has."""
     num_cells, num_rows = table_lengths(sum(sizes), sum(counts))
     is_soft = any(surface.trust is not None for surface in surfaces)
@@ -59,7 +61,7 @@ def _surfaces(surfaces: Sequence[Surface], sizes: Sequence[int], counts: Sequenc
         num_rows = wide_bucket_size(sum(counts), LEAST_ROWS)
     first_cells, first_rows = _firsts(sizes), _firsts(counts)
 
-    def keys(surface: Surface, size: int, row: int) -> np.ndarray:
+    def keys(surface: NearestSurface, size: int, row: int) -> np.ndarray:
         own = np.asarray(surface.keys)[:size]
         return np.where(own == NOTHING_NEAR, own, own + np.uint32(row))
 
@@ -67,7 +69,7 @@ def _surfaces(surfaces: Sequence[Surface], sizes: Sequence[int], counts: Sequenc
         parts = zip(surfaces, counts, strict=True)
         return _table([getattr(surface, name)[:count] for surface, count in parts], num_rows)
 
-    def trust_of(surface: Surface, count: int) -> Array:
+    def trust_of(surface: NearestSurface, count: int) -> Array:
         return np.ones(count, surface.points.dtype) if surface.trust is None else surface.trust[:count]
 
     all_keys = _table([keys(*each) for each in zip(surfaces, sizes, first_rows, strict=True)], num_cells)

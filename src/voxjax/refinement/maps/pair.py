@@ -12,7 +12,7 @@ from ...maps.prepared import PreparedMap
 from ..residuals.distance import Distances
 from ..residuals.losses import Loss
 from ..residuals.occupancy import Occupancies
-from ..residuals.planes import SLIDE_WEIGHT, Planes, Sample
+from ..residuals.planes import SLIDE_WEIGHT, PointToPlane, Sample
 from ..residuals.terms import Term
 from ..solve.problem import PoseProblem
 from .parts import Points, Target, centre_of, points_of, target_of
@@ -104,7 +104,7 @@ def _term(kind: str, target: Target, points: Points, is_inverse: bool, *, share:
         return Distances(target.distances, sample, loss, is_inverse)
     is_signed = to_device(np.bool_(target.has_free_space and points.has_free_space))
     surface = target.surface._replace(is_signed=is_signed)
-    return Planes(surface, sample, np.asarray(SLIDE_WEIGHT, surface.points.dtype), loss, is_inverse)
+    return PointToPlane(surface, sample, np.asarray(SLIDE_WEIGHT, surface.points.dtype), loss, is_inverse)
 
 
 def _times(sample: Sample, share: float) -> Sample:

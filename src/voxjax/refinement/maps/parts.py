@@ -13,7 +13,7 @@ from ..._types import FREE, OCCUPIED, Array
 from ...maps.prepared import sample_rows
 from ...ops.evidence.nearest import split_keys
 from ..residuals.fields import Field
-from ..residuals.planes import MIN_PLANARITY, Sample, Surface
+from ..residuals.planes import MIN_PLANARITY, NearestSurface, Sample
 from .field_tables import distance_field_of, opinion_field_of
 from .views import MapView, hard_view
 
@@ -31,7 +31,7 @@ class Target(NamedTuple):
         has_free_space: Whether its normals point to free space.
     """
 
-    surface: Surface
+    surface: NearestSurface
     distances: Field | None
     opinions: Field | None
     has_free_space: bool
@@ -68,11 +68,11 @@ def points_of(view: MapView, kinds: Collection[str], num_points: int) -> Points:
     return Points(sample_of(view, num_points), opinions, view.prepared.has_free_space)
 
 
-def surface_of(view: MapView, *, is_signed: bool) -> Surface:
+def surface_of(view: MapView, *, is_signed: bool) -> NearestSurface:
     """What the residuals need of a map's planes; `is_signed` if free space tells sides apart in both maps."""
     dims, origin, voxel_size = view.prepared.block
     dtype = view.anchors.dtype
-    return Surface(
+    return NearestSurface(
         keys=view.prepared.keys,
         dims=dims,
         origin=np.asarray(origin, dtype),

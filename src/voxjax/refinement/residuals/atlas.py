@@ -7,7 +7,7 @@ copy of its own.
 from ..._types import Array
 from ...ops.evidence.lookup import Block
 from .fields import Field
-from .planes import Surface
+from .planes import NearestSurface
 
 
 class AtlasBlock(Block):
@@ -25,8 +25,8 @@ class AtlasBlock(Block):
         return cell + self.dims[3], is_inside
 
 
-class AtlasSurface(Surface):
-    """A `Surface` whose keys, points, normals, planarities and trust are those of all maps, one after the other.
+class AtlasSurface(NearestSurface):
+    """A `NearestSurface` whose keys, points, normals, planarities and trust are those of all maps, one after the other.
 
     Attributes:
         dims: Size of the map's block [voxel], then the number of its first cell.

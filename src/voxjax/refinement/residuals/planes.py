@@ -28,7 +28,7 @@ MIN_PLANARITY = 0.3
 """Below it a normal says nothing about the side."""
 
 
-class Surface(NamedTuple):
+class NearestSurface(NamedTuple):
     """Occupied voxels of map a and the field that finds the nearest of them.
 
     Attributes:
@@ -102,7 +102,7 @@ class Meeting(NamedTuple):
 
 
 def meet(
-    surface: Surface, points: Columns, normals: Float[Array, "n 3"], rotation: Float[Array, "3 3"]
+    surface: NearestSurface, points: Columns, normals: Float[Array, "n 3"], rotation: Float[Array, "3 3"]
 ) -> Meeting:
     """Look up the nearest voxels of a surface.
 
@@ -133,7 +133,7 @@ def meet(
     return Meeting(anchor, normal, planarity, is_match, trust)
 
 
-class Planes(Term):
+class PointToPlane(Term):
     """Points of one map against the planes of the other: in full across a surface, little along it.
 
     A point with nothing in reach costs as much as one at the end of the field's reach, with no slope.
@@ -146,7 +146,7 @@ class Planes(Term):
         is_inverse: Whether the points are map a's.
     """
 
-    surface: Surface
+    surface: NearestSurface
     sample: Sample
     slide: Float[Array, ""]
     loss: Loss = eqx.field(static=True, default="geman_mcclure")
@@ -161,10 +161,10 @@ class Planes(Term):
         T = rigid.inverse(T_a_b) if self.is_inverse else T_a_b
         return meet(self.surface, moved_columns(T, self.sample.points), self.sample.normals, T[:3, :3])
 
-    def holding(self, met: Meeting) -> "MatchedPlanes":
+    def holding(self, met: Meeting) -> "HeldPointToPlane":
         """See `Term`."""
         far = jnp.asarray(self.surface.voxel_size * FAR_VOXELS)
-        return MatchedPlanes(
+        return HeldPointToPlane(
             meeting=met,
             sample=self.sample,
             slide=self.slide,
@@ -173,21 +173,21 @@ class Planes(Term):
             is_inverse=self.is_inverse,
         )
 
-    def thinned(self, stride: int) -> "Planes":
+    def thinned(self, stride: int) -> "PointToPlane":
         """See `Term`."""
-        return Planes(self.surface, self.sample.thinned(stride), self.slide, self.loss, self.is_inverse)
+        return PointToPlane(self.surface, self.sample.thinned(stride), self.slide, self.loss, self.is_inverse)
 
 
-class MatchedPlanes(PointTerm):
+class HeldPointToPlane(PointTerm):
     """Points and the planes that they keep: smooth in the pose.
 
     Attributes:
         meeting: The planes.
         sample: The points.
-        slide: See `Planes`.
+        slide: See `PointToPlane`.
         far: Offset that a point without a match costs [m].
-        loss: See `Planes`.
-        is_inverse: See `Planes`.
+        loss: See `PointToPlane`.
+        is_inverse: See `PointToPlane`.
     """
 
     meeting: Meeting

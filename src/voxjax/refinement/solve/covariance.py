@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 from ... import rigid
 from ..._runtime.programs import kept_program
 from ..._types import Array
-from ..residuals.planes import Planes, Sample, Surface, meet
+from ..residuals.planes import NearestSurface, PointToPlane, Sample, meet
 from ..residuals.terms import dot, moved_columns
 from .problem import PoseProblem
 
@@ -78,12 +78,12 @@ def plane_information(
     return (jacobian * weight[:, None]).T @ jacobian, variance
 
 
-def _planes(problem: PoseProblem) -> list[Planes]:
-    return [term for term in problem.terms if isinstance(term, Planes)]
+def _planes(problem: PoseProblem) -> list[PointToPlane]:
+    return [term for term in problem.terms if isinstance(term, PointToPlane)]
 
 
 def _plane_rows(
-    T: Float[Array, "4 4"], surface: Surface, sample: Sample, scale: Float[Array, ""]
+    T: Float[Array, "4 4"], surface: NearestSurface, sample: Sample, scale: Float[Array, ""]
 ) -> tuple[Float[Array, "n 3"], Float[Array, "n"], Float[Array, "n"]]:
     """Normals in the frame of the surface, distances across it and robust weights."""
     points = moved_columns(T, sample.points)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int32
 
 from ..._types import Array
-from ..residuals.planes import MatchedPlanes
+from ..residuals.planes import HeldPointToPlane
 from ..residuals.terms import Columns, Level, PointTerm, robust_rows
 from .equations import move_about
 from .problem import PoseProblem, sum_of_squares
@@ -90,7 +90,7 @@ def implicit_covariance(
 def _without_slide(problem: PoseProblem) -> PoseProblem:
     terms = [
         dataclasses.replace(term, slide=jnp.zeros_like(term.slide))
-        if isinstance(term, MatchedPlanes)
+        if isinstance(term, HeldPointToPlane)
         else term
         for term in problem.terms
     ]
