@@ -26,7 +26,7 @@ def pose_error(T: Float[Array, "4 4"], truth: Float[Array, "4 4"], point: Float[
     Args:
         T: Found pose.
         truth: True pose.
-        point: In the frame that both poses map from [m].
+        point: A point in the frame that both poses map from [m].
     """
     T, truth, point = (np.asarray(x, np.float64) for x in (T, truth, point))
     relative = T[:3, :3].T @ truth[:3, :3]

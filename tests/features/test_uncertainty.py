@@ -74,8 +74,9 @@ def test_covariance_grows_with_the_square_of_the_voxel_size():
     small, large = (detect_corners(room(turn, voxel_size)[0]).trimmed() for voxel_size in (0.1, 0.2))
     np.testing.assert_allclose(
         np.sort(np.trace(covariances(large), axis1=1, axis2=2)),
-        4.0 * np.sort(np.trace(covariances(small), axis1=1, axis2=2)), rtol=1e-2,
-    )  # fmt: skip
+        4.0 * np.sort(np.trace(covariances(small), axis1=1, axis2=2)),
+        rtol=1e-2,
+    )
 
 
 def test_corners_of_the_paper_preset_are_known_to_the_tolerance():

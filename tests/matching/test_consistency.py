@@ -12,7 +12,8 @@ from oracles.motions import moved, random_pose
 from voxjax import InputError, consistency_graph
 from voxjax.features.types import KIND_UNKNOWN
 from voxjax.matching.associations import all_associations, same_kind
-from voxjax.matching.consistency import distance_consistency, pairwise_consistency
+from voxjax.matching.compatibility import distance_consistency
+from voxjax.matching.consistency import pairwise_consistency
 
 
 def everything(n, m):
@@ -98,9 +99,12 @@ def test_frames_turned_alike_agree_in_any_cyclic_order_and_others_do_not():
     pairs = np.stack([np.arange(6)] * 2, axis=1)
     for given_a, expected in ((frames_a, True), (tilted, False)):
         graph = consistency_graph(
-            corners_at(moved(T, points), given_a), corners_at(points, frames), associations=pairs,
-            distance_tolerance=0.01, angle_tolerance=np.radians(8),
-        )  # fmt: skip
+            corners_at(moved(T, points), given_a),
+            corners_at(points, frames),
+            associations=pairs,
+            distance_tolerance=0.01,
+            angle_tolerance=np.radians(8),
+        )
         assert bool(np.asarray(graph.adjacency)[2, [0, 1, 3, 4, 5]].all()) == expected
         assert np.asarray(graph.adjacency)[0, [1, 3, 4, 5]].all()
 
@@ -114,9 +118,14 @@ def test_frames_decide_at_the_angle_between_the_rotations():
         assert np.isclose(np.degrees(rotation_angle(turn)), degrees)
         frames_a = np.stack([np.eye(3), np.eye(3) @ turn])
         adjacency = pairwise_consistency(
-            points, points, np.array([[0, 0], [1, 1]]), distance_tolerance=0.1,
-            angle_tolerance=np.radians(5), frames_a=frames_a, frames_b=frames_b,
-        )  # fmt: skip
+            points,
+            points,
+            np.array([[0, 0], [1, 1]]),
+            distance_tolerance=0.1,
+            angle_tolerance=np.radians(5),
+            frames_a=frames_a,
+            frames_b=frames_b,
+        )
         assert bool(adjacency[0, 1]) == (degrees < 5)
 
 
@@ -128,9 +137,14 @@ def test_normals_agree_where_the_three_angles_do():
     pairs = np.stack([np.arange(8)] * 2, axis=1)
     tolerance = 0.6
     adjacency = pairwise_consistency(
-        a, b, pairs, distance_tolerance=100.0, angle_tolerance=tolerance, normals_a=normals[0],
+        a,
+        b,
+        pairs,
+        distance_tolerance=100.0,
+        angle_tolerance=tolerance,
+        normals_a=normals[0],
         normals_b=normals[1],
-    )  # fmt: skip
+    )
     for i in range(8):
         for j in range(i + 1, 8):
             gaps = []
@@ -149,9 +163,11 @@ def test_kinds_filter_candidates_but_unknown_kinds_match_all():
     kept = same_kind(everything(3, 2), kinds_a, kinds_b)
     assert kept.tolist() == [[0, 1], [1, 0], [2, 0], [2, 1]]
     graph = consistency_graph(
-        corners_at(np.eye(3), convexity=kinds_a), corners_at(np.eye(3)[:2], convexity=kinds_b),
-        distance_tolerance=0.1, match_kinds=True,
-    )  # fmt: skip
+        corners_at(np.eye(3), convexity=kinds_a),
+        corners_at(np.eye(3)[:2], convexity=kinds_b),
+        distance_tolerance=0.1,
+        match_kinds=True,
+    )
     assert graph.num_associations == 4
 
 

@@ -72,9 +72,14 @@ def test_a_map_matches_itself_row_by_row(room):
 
 
 KERNELS = (
-    descriptor.is_within, descriptor.monomials, descriptor.closeness, descriptor.pair_bins, descriptor.count_bins,
-    descriptor._fit, descriptor_match._squares,
-)  # fmt: skip
+    descriptor.is_within,
+    descriptor.monomials,
+    descriptor.closeness,
+    descriptor.pair_bins,
+    descriptor.count_bins,
+    descriptor._fit,
+    descriptor_match._squares,
+)
 
 
 def test_maps_of_ten_sizes_compile_each_kernel_once():

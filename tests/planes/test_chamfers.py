@@ -25,9 +25,12 @@ def walls_with_a_slanted_face(width):
     order = np.lexsort(index.T[::-1])
     index = index[order].astype(np.int32)
     surface = Surface(
-        index=index, normal=normal[order].astype(np.float32), curvature=np.zeros(len(index), np.float32),
-        is_signed=np.ones(len(index), bool), pairs=neighbour_pairs(index),
-    )  # fmt: skip
+        index=index,
+        normal=normal[order].astype(np.float32),
+        curvature=np.zeros(len(index), np.float32),
+        is_signed=np.ones(len(index), bool),
+        pairs=neighbour_pairs(index),
+    )
     return surface, labels[order].astype(np.int32)
 
 
@@ -53,9 +56,12 @@ def test_a_strip_between_parallel_faces_is_kept():
     end = labels == 2
     index[end, 1], normal[end] = 4, [0.0, -1.0, 0.0]
     wall = Surface(
-        index=index, normal=normal.astype(np.float32), curvature=surface.curvature, is_signed=surface.is_signed,
+        index=index,
+        normal=normal.astype(np.float32),
+        curvature=surface.curvature,
+        is_signed=surface.is_signed,
         pairs=surface.pairs,
-    )  # fmt: skip
+    )
     np.testing.assert_array_equal(drop_chamfers(wall, labels, reach=4.0), labels)
 
 

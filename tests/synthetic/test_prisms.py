@@ -12,8 +12,14 @@ def draw_boxes(rng, count):
     parts, boxes = [], []
     for _ in range(count):
         centre, size, yaw = rng.uniform(-5, 5, 3), rng.uniform(0.2, 3.0, 3), rng.uniform(-np.pi, np.pi)
-        parts.append((rectangle(centre[:2], size[0], size[1], yaw), centre[2] - size[2] / 2,
-                      centre[2] + size[2] / 2, "wall"))  # fmt: skip
+        parts.append(
+            (
+                rectangle(centre[:2], size[0], size[1], yaw),
+                centre[2] - size[2] / 2,
+                centre[2] + size[2] / 2,
+                "wall",
+            )
+        )
         c, s = np.cos(yaw), np.sin(yaw)
         boxes.append((np.asarray([[c, -s, 0], [s, c, 0], [0, 0, 1]]), centre, size / 2))
     return make_prisms(parts), boxes

@@ -17,7 +17,7 @@ def cluster_corners(
     Args:
         position: Positions.
         quality: Higher is better; ties go to the earlier corner.
-        radius: In the unit of the positions.
+        radius: Radius in the unit of the positions.
 
     Returns:
         The cluster of each corner (n,) and the chosen member of each cluster (k,), both int32, best first.
@@ -43,9 +43,14 @@ def _take_best_first(near, quality: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def suppress_duplicates(
-    position: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3 3"], kind: Int32[np.ndarray, "n"],
-    weight: Float[np.ndarray, "n"], *, radius: float, min_cosine: float = 0.94,
-) -> Int32[np.ndarray, "k"]:  # fmt: skip
+    position: Float[np.ndarray, "n 3"],
+    normals: Float[np.ndarray, "n 3 3"],
+    kind: Int32[np.ndarray, "n"],
+    weight: Float[np.ndarray, "n"],
+    *,
+    radius: float,
+    min_cosine: float = 0.94,
+) -> Int32[np.ndarray, "k"]:
     """Keep the heaviest of corners that are the same but for noise: near, of one kind, with the same normals.
 
     The four corners of four rooms that meet at one point differ in their normals and are all kept.
@@ -55,7 +60,7 @@ def suppress_duplicates(
         normals: Unit rows; compared as sets.
         kind: Corners of different kinds are different.
         weight: Higher is better.
-        radius: In the unit of the positions.
+        radius: Radius in the unit of the positions.
         min_cosine: Normals agree from this cosine on.
 
     Returns:

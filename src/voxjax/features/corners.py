@@ -19,9 +19,13 @@ __all__ = ["Corners", "corners_of_planes", "detect_corners"]
 
 
 def detect_corners(
-    grid: VoxelGrid, *, virtual: bool = False, preset: Literal["default", "paper"] = "default",
-    virtual_reach: float = 2.0, max_virtual: int = 256,
-) -> Corners:  # fmt: skip
+    grid: VoxelGrid,
+    *,
+    virtual: bool = False,
+    preset: Literal["default", "paper"] = "default",
+    virtual_reach: float = 2.0,
+    max_virtual: int = 256,
+) -> Corners:
     """Find the corners of a map: points where three faces meet.
 
     Args:
@@ -50,14 +54,19 @@ def detect_corners(
 
 
 def corners_of_planes(
-    grid: VoxelGrid, plane_map: PlaneMap, *, virtual: bool = False, virtual_reach: float = 2.0,
-    max_virtual: int = 256, min_triple_product: float = 0.4,
-) -> Corners:  # fmt: skip
+    grid: VoxelGrid,
+    plane_map: PlaneMap,
+    *,
+    virtual: bool = False,
+    virtual_reach: float = 2.0,
+    max_virtual: int = 256,
+    min_triple_product: float = 0.4,
+) -> Corners:
     """Find the corners of a map whose planes are known (`extract_planes`).
 
     Args:
         grid: The map.
-        plane_map: Its planes.
+        plane_map: Planes of the map.
         virtual: Also give virtual corners.
         virtual_reach: Planes of a virtual corner end within this of it [m].
         max_virtual: At most so many virtual corners.
@@ -146,10 +155,15 @@ def _corners(
     """Unpadded corners of one sort."""
     num = len(position)
     return Corners(
-        position=position.astype(np.float32), normals=normals.astype(np.float32),
-        weight=weight.astype(np.float32), convexity=convexity.astype(np.uint8), mask=np.ones(num, bool),
-        is_observed=np.full(num, is_observed), num_found=np.asarray(num, np.int32), covariance=covariance,
-    )  # fmt: skip
+        position=position.astype(np.float32),
+        normals=normals.astype(np.float32),
+        weight=weight.astype(np.float32),
+        convexity=convexity.astype(np.uint8),
+        mask=np.ones(num, bool),
+        is_observed=np.full(num, is_observed),
+        num_found=np.asarray(num, np.int32),
+        covariance=covariance,
+    )
 
 
 def _padded(corners: Corners) -> Corners:

@@ -32,9 +32,14 @@ class _Shares(NamedTuple):
 
 
 def observe_corners(
-    grid: VoxelGrid, position: Float[np.ndarray, "m 3"], normals: Float[np.ndarray, "m 3 3"], *,
-    min_seen: float = 0.4, max_beyond: float = 0.35, reach: float = 4.5,
-) -> FoundCorners:  # fmt: skip
+    grid: VoxelGrid,
+    position: Float[np.ndarray, "m 3"],
+    normals: Float[np.ndarray, "m 3 3"],
+    *,
+    min_seen: float = 0.4,
+    max_beyond: float = 0.35,
+    reach: float = 4.5,
+) -> FoundCorners:
     """Look at the map around points where three planes meet, and tell which kinds of corner are there.
 
     Args:
@@ -74,9 +79,11 @@ def _decode(faces: _Shares, normals: np.ndarray, min_seen: float, max_beyond: fl
         kinds.append(np.full(len(row), kind))
         shares.append(coverage[row])
     return FoundCorners(
-        np.concatenate(rows).astype(np.int32), np.concatenate(out), np.concatenate(kinds).astype(np.int32),
+        np.concatenate(rows).astype(np.int32),
+        np.concatenate(out),
+        np.concatenate(kinds).astype(np.int32),
         np.concatenate(shares),
-    )  # fmt: skip
+    )
 
 
 def _concave(faces: _Shares, octant: int, min_seen: float) -> Part:

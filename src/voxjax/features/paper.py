@@ -32,10 +32,16 @@ class PaperStages(NamedTuple):
 
 
 def paper_corners(
-    grid: VoxelGrid, *, size: int = 7, min_change: int = 20, max_angle: float = 5.0,
-    max_curvature: float = 0.2, min_segment: int = 30, plane_distance_tolerance: float = 1.5,
+    grid: VoxelGrid,
+    *,
+    size: int = 7,
+    min_change: int = 20,
+    max_angle: float = 5.0,
+    max_curvature: float = 0.2,
+    min_segment: int = 30,
+    plane_distance_tolerance: float = 1.5,
     cluster_radius: float = 3.0,
-) -> PaperStages:  # fmt: skip
+) -> PaperStages:
     """Extract corners as section III does.
 
     Args:
@@ -61,9 +67,14 @@ def paper_corners(
     planes, support = _fit(grid, surface, labels)
     normal, offset = np.asarray(planes.normal), np.asarray(planes.offset)
     keep, rows, worst = reject_corners(
-        initial, normal, offset, support, labels, max_distance=plane_distance_tolerance * voxel,
+        initial,
+        normal,
+        offset,
+        support,
+        labels,
+        max_distance=plane_distance_tolerance * voxel,
         support_radius=float(size) * voxel,
-    )  # fmt: skip
+    )
     kept, rows = initial[keep], rows[keep]
     _, chosen = cluster_corners(kept, -worst[keep], radius=cluster_radius * voxel)
     count = np.asarray(planes.num_voxels)[rows[chosen]].min(axis=1, initial=2**31 - 1)

@@ -13,7 +13,7 @@ def all_associations(mask_a: Bool[Array, "n"], mask_b: Bool[Array, "m"]) -> np.n
 
     Args:
         mask_a: Which rows of the corners of a are corners.
-        mask_b: The same for b.
+        mask_b: Which rows of the corners of b are corners.
 
     Returns:
         int32 (k, 2) row indices, in lexicographic order.
@@ -31,7 +31,7 @@ def same_kind(
     Args:
         associations: Index pairs.
         convexity_a: `Corners.convexity` of a.
-        convexity_b: The same of b.
+        convexity_b: Convexity of the corners of b.
     """
     pairs = np.asarray(associations)
     kind_a, kind_b = np.asarray(convexity_a)[pairs[:, 0]], np.asarray(convexity_b)[pairs[:, 1]]

@@ -61,7 +61,7 @@ def backtrack(
 
     Args:
         associations: Candidate pairs; all corners of a against all of b in the paper.
-        adjacency: Their compatibility, equation (4), from `consistency_graph`; may be padded.
+        adjacency: Compatibility of the associations, equation (4), from `consistency_graph`; may be padded.
         extend: Early transform. When M has five matches, the scheme that it returns is taken as the scheme of
             this branch and the search goes back. None searches exactly.
         max_nodes: Budget of matches tried; when it is spent, the best schemes so far are returned.

@@ -145,7 +145,7 @@ def subgraph_from_graph(
     """Maximum clique of a consistency graph that was made before, as associations.
 
     Args:
-        graph: From `consistency_graph`.
+        graph: Graph that `consistency_graph` gave.
         max_nodes: Budget of the clique search, or None.
         max_seconds: Budget of time [s], or None.
         max_ties: Number of tied sets to keep; 1 saves the search for ties.

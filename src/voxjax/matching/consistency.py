@@ -5,8 +5,6 @@ the distances agree. Memory: one byte a pair, so 8000 associations (about 90 cor
 """
 
 import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int32
 
@@ -16,6 +14,7 @@ from .._runtime.pieces import one_by_one, over_pieces
 from .._types import Array
 from ..features.types import Corners
 from .associations import all_associations, check_associations, same_kind
+from .compatibility import distance_consistency, normals_agree, rotations_agree
 
 DISTANCE_TOLERANCE = 0.2
 """D of equation (4) [m]: two voxels of a map of 10 cm, which is what two roundings and a little drift amount to."""
@@ -87,11 +86,15 @@ def consistency_graph(
         associations = same_kind(associations, corners_a.convexity, corners_b.convexity)
     pairs = check_associations(associations, len(corners_a.mask), len(corners_b.mask))
     adjacency = pairwise_consistency(
-        corners_a.position, corners_b.position, pairs, distance_tolerance=distance_tolerance,
-        min_distance=min_distance, angle_tolerance=angle_tolerance,
+        corners_a.position,
+        corners_b.position,
+        pairs,
+        distance_tolerance=distance_tolerance,
+        min_distance=min_distance,
+        angle_tolerance=angle_tolerance,
         frames_a=corners_a.normals if angle_tolerance is not None else None,
         frames_b=corners_b.normals if angle_tolerance is not None else None,
-    )  # fmt: skip
+    )
     size = adjacency.shape[0]
     return ConsistencyGraph(pad_rows(pairs, size, -1.0), adjacency, np.arange(size) < len(pairs))
 
@@ -116,13 +119,13 @@ def pairwise_consistency(
         points_b: Points of b [m].
         associations: Index pairs.
         distance_tolerance: D of equation (4) [m].
-        min_distance: Nearer pairs [m] are not compatible.
-        angle_tolerance: [rad], used with frames or normals.
+        min_distance: Pairs of points nearer than this in either map [m] are not compatible.
+        angle_tolerance: Largest difference of angles [rad], used with frames or normals.
         frames_a: Rows are three unit normals, in a cyclic order that is not known.
-        frames_b: The same for b.
+        frames_b: Frames of b, alike.
         normals_a: One unit normal a point: the three angles between two normals and the line through their
             points must agree in a and b.
-        normals_b: The same for b.
+        normals_b: Unit normals of b.
 
     Returns:
         bool (m, m) on the host, m the bucket of the number of associations; False in padding.
@@ -175,96 +178,3 @@ def _keep_edges(adjacency: np.ndarray, agree) -> None:
     i, j = edges[~is_kept].T
     adjacency[i, j] = False
     adjacency[j, i] = False
-
-
-@jax.jit
-def distance_consistency(
-    nodes_a: Float[Array, "m 3"],
-    nodes_b: Float[Array, "m 3"],
-    associations: Int32[Array, "m 2"],
-    distance_tolerance: Float[Array, ""] | np.float32,
-    min_distance: Float[Array, ""] | np.float32,
-) -> Bool[Array, "m m"]:
-    """Equation (4) for all pairs of associations at once, and one-to-one.
-
-    Args:
-        nodes_a: Point of a of each association [m].
-        nodes_b: Point of b of each association [m].
-        associations: Index pairs; negative in padding rows.
-        distance_tolerance: D [m].
-        min_distance: [m].
-    """
-
-    def distances(nodes: Array) -> Array:
-        # Differences first, then squares: a Gram matrix would lose millimetres in float32.
-        squared = jnp.zeros((nodes.shape[0], nodes.shape[0]), nodes.dtype)
-        for axis in range(3):
-            gap = nodes[:, axis][:, None] - nodes[:, axis][None, :]
-            squared = squared + gap * gap
-        return jnp.sqrt(squared)
-
-    length_a, length_b = distances(nodes_a), distances(nodes_b)
-    index_a, index_b = associations[:, 0], associations[:, 1]
-    shares_corner = (index_a[:, None] == index_a[None, :]) | (index_b[:, None] == index_b[None, :])
-    is_real = index_a >= 0
-    return (
-        (jnp.abs(length_a - length_b) < distance_tolerance)
-        & (jnp.minimum(length_a, length_b) >= min_distance)
-        & ~shares_corner
-        & is_real[:, None]
-        & is_real[None, :]
-    )
-
-
-def _cyclic_rotations(frames_a: Array, frames_b: Array) -> Array:
-    """Rotations (m, 3, 3, 3) that carry frame b onto frame a, one for each cyclic order of its rows."""
-    turned = jnp.stack([jnp.roll(frames_b, shift, axis=-2) for shift in range(3)], axis=-3)
-    return jnp.einsum("mki,mskj->msij", frames_a, turned)
-
-
-@jax.jit
-def rotations_agree(
-    nodes_a: Float[Array, "m 3"],
-    nodes_b: Float[Array, "m 3"],
-    frames_a: Float[Array, "m 3 3"],
-    frames_b: Float[Array, "m 3 3"],
-    edges: Int32[Array, "e 2"],
-    angle_tolerance: Float[Array, ""] | np.float32,
-) -> Bool[Array, "e"]:
-    """Whether two associations imply one rotation, for some cyclic order of the normals of each.
-
-    The trace of a relative rotation is `1 + 2 cos angle`; frames need not be exactly orthonormal. The nodes
-    are not used: frames alone decide.
-    """
-    rotations = _cyclic_rotations(frames_a, frames_b)
-    first, second = rotations[edges[:, 0]], rotations[edges[:, 1]]
-    trace = jnp.max(jnp.einsum("esij,etij->est", first, second), axis=(1, 2))
-    # Scaled by the size of the implied matrices, so that slightly skew frames do not fail for their skew.
-    norm = jnp.linalg.norm(rotations.reshape(rotations.shape[0], 3, 9), axis=-1)[:, 0]
-    scale = 3.0 / jnp.maximum(norm[edges[:, 0]] * norm[edges[:, 1]], 1e-12)
-    return trace * scale >= 1.0 + 2.0 * jnp.cos(angle_tolerance)
-
-
-@jax.jit
-def normals_agree(
-    nodes_a: Float[Array, "m 3"],
-    nodes_b: Float[Array, "m 3"],
-    normals_a: Float[Array, "m 3"],
-    normals_b: Float[Array, "m 3"],
-    edges: Int32[Array, "e 2"],
-    angle_tolerance: Float[Array, ""] | np.float32,
-) -> Bool[Array, "e"]:
-    """Whether two normals and the line through their points make the same angles in both maps."""
-
-    def cosines(nodes: Array, normals: Array) -> Array:
-        i, j = edges[:, 0], edges[:, 1]
-        line = nodes[j] - nodes[i]
-        line = line / jnp.maximum(jnp.linalg.norm(line, axis=-1, keepdims=True), 1e-9)
-        pairs = ((normals[i], normals[j]), (normals[i], line), (normals[j], line))
-        return jnp.stack([jnp.sum(u * v, axis=-1, dtype=u.dtype) for u, v in pairs], axis=-1)
-
-    c = jnp.clip(cosines(nodes_a, normals_a), -1.0, 1.0)
-    d = jnp.clip(cosines(nodes_b, normals_b), -1.0, 1.0)
-    # cos(alpha - beta) without arc cosines.
-    cosine_of_gap = c * d + jnp.sqrt((1.0 - c * c) * (1.0 - d * d))
-    return jnp.all(cosine_of_gap >= jnp.cos(angle_tolerance) - 1e-6, axis=-1)

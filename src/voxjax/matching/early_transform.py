@@ -27,11 +27,11 @@ def close_corners(
     a corner of a, each being the nearest of the other, join the matches.
 
     Args:
-        points_a: float32 (n, 3) [m].
-        points_b: float32 (m, 3) [m].
-        mask_a: Which rows count.
-        mask_b: Which rows count.
-        distance_tolerance: [m].
+        points_a: Corners of map a, float32 (n, 3) [m].
+        points_b: Corners of map b, float32 (m, 3) [m].
+        mask_a: Rows of `points_a` that count.
+        mask_b: Rows of `points_b` that count.
+        distance_tolerance: D of equation (4) [m].
         align: How to get the transform of matched corners; None aligns them alone.
     """
     rows_a, rows_b = np.flatnonzero(mask_a), np.flatnonzero(mask_b)

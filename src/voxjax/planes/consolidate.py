@@ -14,9 +14,15 @@ from .surface import Surface
 
 
 def split_segments(
-    surface: Surface, labels: Int32[np.ndarray, "n"], *, max_rms: float, distance: float, max_angle: float,
-    min_elements: int, num_rounds: int = 10,
-) -> Int32[np.ndarray, "n"]:  # fmt: skip
+    surface: Surface,
+    labels: Int32[np.ndarray, "n"],
+    *,
+    max_rms: float,
+    distance: float,
+    max_angle: float,
+    min_elements: int,
+    num_rounds: int = 10,
+) -> Int32[np.ndarray, "n"]:
     """Peel one plane off each segment that is not flat, and regrow the rest, `num_rounds` times.
 
     Args:

@@ -21,7 +21,7 @@ class PlaneMap(eqx.Module):
         points: float32 (n, 3) [m]: voxel centres of the surface elements.
         normals: float32 (n, 3): normals of the elements, into free space.
         labels: int32 (n,): row of `planes` that each element lies on, -1 for none.
-        voxel_size: [m].
+        voxel_size: Edge length of a voxel [m].
     """
 
     planes: Planes
@@ -32,10 +32,20 @@ class PlaneMap(eqx.Module):
 
 
 def extract_planes(
-    grid: VoxelGrid, *, size: int = 5, max_angle: float = 15.0, max_curvature: float = 0.12,
-    tolerance: float = 1.0, max_rms: float = 0.7, merge_angle: float = 6.0, gap: float = 10.0,
-    min_voxels: int = 15, min_width: float = 3.5, chamfer_reach: float = 4.0, max_planes: int = 512,
-) -> PlaneMap:  # fmt: skip
+    grid: VoxelGrid,
+    *,
+    size: int = 5,
+    max_angle: float = 15.0,
+    max_curvature: float = 0.12,
+    tolerance: float = 1.0,
+    max_rms: float = 0.7,
+    merge_angle: float = 6.0,
+    gap: float = 10.0,
+    min_voxels: int = 15,
+    min_width: float = 3.5,
+    chamfer_reach: float = 4.0,
+    max_planes: int = 512,
+) -> PlaneMap:
     """Find the planes of a map: grow, split, merge and extend, fit.
 
     Region growing (section III) gives cores; pieces that are not flat are split, pieces of one plane are
@@ -97,9 +107,13 @@ def _cores(
         is_left = labels < 0
         i, j = surface.pairs.T
         rest = eqx.tree_at(
-            lambda s: (s.pairs, s.curvature), surface,
-            (surface.pairs[is_left[i] & is_left[j]], np.where(is_left, surface.curvature, np.float32(np.inf))),
-        )  # fmt: skip
+            lambda s: (s.pairs, s.curvature),
+            surface,
+            (
+                surface.pairs[is_left[i] & is_left[j]],
+                np.where(is_left, surface.curvature, np.float32(np.inf)),
+            ),
+        )
         more = segment_planes(
             rest, max_angle=angle * max_angle, max_curvature=curvature * max_curvature, min_elements=smallest
         )

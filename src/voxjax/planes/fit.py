@@ -47,9 +47,13 @@ class Planes(eqx.Module):
 
 
 def fit_planes(
-    points: Float[np.ndarray, "n 3"], labels: Int32[np.ndarray, "n"], *,
-    normals: Float[np.ndarray, "n 3"] | None = None, huber_scale: float | None = None, num_rounds: int = 4,
-) -> Planes:  # fmt: skip
+    points: Float[np.ndarray, "n 3"],
+    labels: Int32[np.ndarray, "n"],
+    *,
+    normals: Float[np.ndarray, "n 3"] | None = None,
+    huber_scale: float | None = None,
+    num_rounds: int = 4,
+) -> Planes:
     """Fit a plane to the points of each label (section III), all segments at the same time.
 
     The start is the closed-form plane of each segment. Then `num_rounds` rounds of Huber weights, each
@@ -82,10 +86,14 @@ def fit_planes(
     )
     shift = np.asarray(normal, np.float64) @ middle
     return Planes(
-        normal=np.asarray(normal), offset=(np.asarray(offset) + shift).astype(np.float32),
-        centroid=(np.asarray(centroid) + middle).astype(np.float32), rms=np.asarray(rms),
-        num_voxels=np.asarray(count), mask=np.arange(capacity) < num, num_found=np.asarray(num, np.int32),
-    )  # fmt: skip
+        normal=np.asarray(normal),
+        offset=(np.asarray(offset) + shift).astype(np.float32),
+        centroid=(np.asarray(centroid) + middle).astype(np.float32),
+        rms=np.asarray(rms),
+        num_voxels=np.asarray(count),
+        mask=np.arange(capacity) < num,
+        num_found=np.asarray(num, np.int32),
+    )
 
 
 @partial(jax.jit, static_argnames=("capacity", "num_rounds"))

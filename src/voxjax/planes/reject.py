@@ -31,7 +31,7 @@ def nearest_three_planes(
         points: Corners.
         normals: Unit normals (A, B, C) of k planes for each point.
         offsets: n . p of these planes (-D of the paper).
-        mask: Which of them count.
+        mask: Planes that count for each point.
         max_distance: The threshold epsilon, in the unit of the points.
         min_triple_product: Three planes are nearly parallel if the triple product of their normals is
             smaller.
@@ -98,9 +98,13 @@ def reject_corners(
     padded = pad_rows(beside, size, fill=-1)
     column = np.maximum(padded, 0)
     good, chosen, far = nearest_three_planes(
-        pad_rows(local, size), plane_normals[column], offsets[column], padded >= 0, np.float32(max_distance),
+        pad_rows(local, size),
+        plane_normals[column],
+        offsets[column],
+        padded >= 0,
+        np.float32(max_distance),
         np.float32(min_triple_product),
-    )  # fmt: skip
+    )
     keep, worst = np.asarray(good)[:n], np.asarray(far)[:n]
     rows[keep] = np.take_along_axis(beside, np.asarray(chosen)[:n], axis=1)[keep]
     return keep, rows, worst

@@ -17,8 +17,8 @@ class Building:
     """One storey, floor at z = 0.
 
     Attributes:
-        plan: Its walls, rooms and doors.
-        height: Of the rooms [m].
+        plan: Walls, rooms and doors of the building.
+        height: Height of the rooms [m].
         furniture: Pieces of all rooms.
         solids: Everything that a ray can meet.
         corners: Where three faces meet.
@@ -57,7 +57,7 @@ def make_building(
         skew: Tangent of the largest angle by which walls lean away from right angles.
         num_rows: Rows of rooms.
         width: Length of the rows [m]; None draws 15 to 25.
-        height: Of the rooms [m]; None draws 2.5 to 3.
+        height: Height of the rooms [m]; None draws 2.5 to 3.
     """
     rng = np.random.default_rng(seed)
     width = float(rng.uniform(15.0, 25.0)) if width is None else width
@@ -97,9 +97,13 @@ def make_hotel(
     room_width, depth = rng.uniform(3.2, 4.2), rng.uniform(4.5, 6.0)
     widths = [[1.0] * rooms_per_side, [1.0], [1.0] * rooms_per_side]
     plan = make_plan(
-        rng, width=float(room_width * rooms_per_side), row_depths=[depth, rng.uniform(1.8, 2.3), depth],
-        room_widths=widths, corridor_row=1, equal_rooms=True,
-    )  # fmt: skip
+        rng,
+        width=float(room_width * rooms_per_side),
+        row_depths=[depth, rng.uniform(1.8, 2.3), depth],
+        room_widths=widths,
+        corridor_row=1,
+        equal_rooms=True,
+    )
     height = float(rng.uniform(2.5, 2.9))
     first = plan.rooms[0]
     # Rooms all but empty would be equal whatever is moved; the fullest of a few draws is taken.
@@ -122,7 +126,7 @@ def close_doors(building: Building, rooms: list[int], rng: np.random.Generator, 
     """The building as a robot finds it that passes only doors between its own rooms.
 
     Args:
-        building: With all doors open.
+        building: A building with all doors open.
         rooms: The robot's rooms; doors between them stay open.
         rng: Source of chance.
         share: Probability that another door is closed.

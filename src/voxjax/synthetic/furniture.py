@@ -33,7 +33,7 @@ def furnish(
         rng: Source of chance.
         plan: The building's plan; the surroundings of doors and windows are kept clear.
         room: The room.
-        height: Of the room [m]; pillars reach it.
+        height: Height of the room [m]; pillars reach it.
         clutter: 1 for about three pieces in a room of 20 m².
     """
     polygon = room.polygon
@@ -81,8 +81,11 @@ def _draw_piece(rng: np.random.Generator, polygon: np.ndarray, height: float) ->
 
 def _along_wall(rng: np.random.Generator, polygon: np.ndarray, kind: str) -> Item:
     """A solid whose first side lies on a side of the room."""
-    sizes = {"cabinet": (0.8, 1.8, 0.4, 0.65, 1.2, 2.1), "shelf": (0.6, 1.2, 0.3, 0.4, 0.8, 1.9),
-             "bed": (0.8, 1.6, 1.8, 2.1, 0.4, 0.55)}[kind]  # fmt: skip
+    sizes = {
+        "cabinet": (0.8, 1.8, 0.4, 0.65, 1.2, 2.1),
+        "shelf": (0.6, 1.2, 0.3, 0.4, 0.8, 1.9),
+        "bed": (0.8, 1.6, 1.8, 2.1, 0.4, 0.55),
+    }[kind]
     length, depth, top = (rng.uniform(sizes[2 * i], sizes[2 * i + 1]) for i in range(3))
     side = rng.integers(4)
     start, end = polygon[side], polygon[(side + 1) % 4]

@@ -16,7 +16,7 @@ class Opening:
 
     Attributes:
         start: Where it begins along the wall [m].
-        width: Its width [m].
+        width: Width of the opening [m].
         bottom: Height of its sill above the floor [m], 0 for a door.
         top: Height of its lintel [m].
     """

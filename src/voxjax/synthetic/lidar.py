@@ -24,7 +24,7 @@ class Lidar:
         level_beams: Elevations of the beams of the first head [rad].
         upright_beams: Likewise of the second head, measured from the plane across the way.
         num_azimuths: Shots of each beam a turn.
-        max_range: [m].
+        max_range: Longest distance that is measured [m].
         free_range: A shot without echo is taken as free space up to here [m].
         range_noise: Standard deviation of the range [m].
         dropout: Share of the shots that are lost.

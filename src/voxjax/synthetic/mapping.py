@@ -31,9 +31,9 @@ def build_map(scans: list[Scan], poses: np.ndarray, *, voxel_size: float) -> Vox
     log-odds 0 are occupied, the others that were touched are free.
 
     Args:
-        scans: In the sensor's frame; at least one.
+        scans: Scans in the sensor's frame; at least one.
         poses: (n, 4, 4): `T_map_sensor` that the mapper believes in.
-        voxel_size: [m].
+        voxel_size: Edge length of a voxel [m].
     """
     rays = [_in_voxels(scan, T, voxel_size) for scan, T in zip(scans, poses, strict=True)]
     low = np.min([r.low for r in rays], axis=0)

@@ -15,7 +15,7 @@ def observed_corners(corners: TrueCorners, grid: VoxelGrid, T_world_map: np.ndar
     """Which corners have occupied voxels on all three faces beside them, and free space.
 
     Args:
-        corners: In the frame of the world.
+        corners: True corners in the frame of the world.
         grid: The map.
         T_world_map: (4, 4); None for a map of another place, which shows none.
 

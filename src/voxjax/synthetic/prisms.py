@@ -92,7 +92,7 @@ def cast_rays(
         side_normals: Outward unit normals of the sides.
         side_offsets: Offsets of the sides [m].
         z_range: Bottom and top of each prism [m].
-        mask: Which prisms exist.
+        mask: Rows that hold a prism.
 
     Returns:
         Distances [m], inf where a ray meets nothing.

@@ -81,7 +81,7 @@ def simulate_team(
         overlap: Share of the rooms that all robots visit; the others are shared out among them. The maps overlap
             by more than that, for robots look through doors; `Team.overlap` measures it.
         frame: How the maps' frames lie: turned about the vertical, also tilted by up to 8 degrees, or anyhow.
-        voxel_size: Of the maps [m].
+        voxel_size: Voxel size of the maps [m].
         drift: Standard deviation of the positions that the mapper believes in [m].
         clutter: Amount of furniture; 1 is about three pieces in a room of 20 m².
         skew: Tangent of the largest angle by which walls lean away from right angles.
@@ -115,9 +115,14 @@ def simulate_team(
         [observed_corners(building.corners, g, T) for g, T in zip(grids, poses, strict=True)]
     )
     return Team(
-        tuple(grids), tuple(poses), building.corners, is_observed, tuple(visited for _, visited in places), shared,
+        tuple(grids),
+        tuple(poses),
+        building.corners,
+        is_observed,
+        tuple(visited for _, visited in places),
+        shared,
         building,
-    )  # fmt: skip
+    )
 
 
 def different_buildings(seed: int, **options) -> Team:

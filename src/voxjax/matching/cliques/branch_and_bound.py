@@ -30,7 +30,7 @@ class Search:
 
         Args:
             graph: Symmetric bool (m, m), no diagonal.
-            edges: Its edges (e, 2).
+            edges: Edges of the graph (e, 2).
             shared: Common neighbours of each edge.
             record: Called with every clique found, in a fixed order.
         """

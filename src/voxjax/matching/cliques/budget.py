@@ -17,7 +17,7 @@ class Budget:
         max_seconds: Wall time from the making of the budget [s]; None for no limit. What a search finds within a time
             depends on the machine; within a number of nodes it does not.
         num_nodes: Nodes spent so far.
-        stopped_by: Which limit was hit, or None.
+        stopped_by: The limit that was hit, or None.
     """
 
     max_nodes: int

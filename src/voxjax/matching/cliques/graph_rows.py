@@ -115,8 +115,8 @@ def prune(
 
     Args:
         graph: Symmetric bool (m, m), no diagonal.
-        edges: Its edges (e, 2).
-        size: Of the cliques that are looked for, at least 2.
+        edges: Edges of the graph (e, 2).
+        size: Nodes of the cliques that are looked for, at least 2.
         shared: Common neighbours of each edge, if they are known.
 
     Returns:

@@ -14,7 +14,7 @@ def greedy_clique(
 
     Args:
         graph: Symmetric bool (m, m) with an edge, no diagonal.
-        edges: Its edges.
+        edges: Edges of the graph.
         shared: Common neighbours of each edge.
         num_starts: Nodes to start from.
     """

@@ -32,7 +32,7 @@ class Clique(NamedTuple):
         ties: All maximum cliques that were asked for, the first is `members`.
         has_all_ties: Whether `ties` is complete.
         num_nodes: Nodes of the search tree that were visited.
-        stopped_by: Which limit of the budget was hit, None for none.
+        stopped_by: The limit of the budget that was hit, None for none.
     """
 
     members: np.ndarray
@@ -117,7 +117,7 @@ class _Part:
     """The part of a graph that cliques of some size can use.
 
     Attributes:
-        nodes: Its nodes in the whole graph.
+        nodes: Nodes of the part, in the numbering of the whole graph.
         graph: Symmetric bool (m, m) between them.
         edges: (e, 2) in the numbering of the part.
         shared: Common neighbours of each edge.

@@ -31,7 +31,7 @@ class CoarseLevel(NamedTuple):
     """Maps to lead starts along.
 
     Attributes:
-        maps: Coarsened.
+        maps: The maps, coarsened.
         scales: Robust scales to lead them with [m].
     """
 
@@ -74,9 +74,9 @@ def coarse_levels(maps: Sequence[PreparedMap], first: float, voxel_size: float) 
     """Maps coarser by powers of two, coarsest first: to lead starts to within the reach of the maps themselves.
 
     Args:
-        maps: At their own voxel size.
+        maps: The maps at their own voxel size.
         first: Robust scale at the start [m].
-        voxel_size: Of the maps, or of the coarsest of them [m].
+        voxel_size: Voxel size of the maps, or of the coarsest of them [m].
     """
     levels = []
     for factor in coarse_factors(first / voxel_size):

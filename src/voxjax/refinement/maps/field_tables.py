@@ -28,7 +28,7 @@ def distance_field_of(prepared: PreparedMap, surface: NearestSurface) -> Field:
 
     Args:
         prepared: The map.
-        surface: Its planes, which may be traced: the field is differentiable in them.
+        surface: Planes of the map, which may be traced: the field is differentiable in them.
     """
     keys = _keys(prepared)
     cells = np.flatnonzero(keys != NOTHING_NEAR)

@@ -26,8 +26,8 @@ class JointMaps(NamedTuple):
 
     Attributes:
         targets: Maps as points are held against them, in common tables.
-        points: Of each map.
-        centroids: Of all maps, 0 of those that are in no pair [m].
+        points: Points of each map.
+        centroids: Centroids of all maps, 0 for those that are in no pair [m].
         radii: About those of the maps, 1 of those that are in no pair [m].
     """
 
@@ -67,7 +67,7 @@ def joint_maps(
     Args:
         maps: None for maps without an occupied voxel, which are in no pair; those with log-odds all of one dtype.
         pairs: Numbers of the maps that are held against each other, at least one pair.
-        kinds: Of residuals.
+        kinds: Kinds of residuals and their weights.
         num_points: Voxels of each sample.
 
     Raises:

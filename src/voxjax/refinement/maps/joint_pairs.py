@@ -61,8 +61,8 @@ def checked_terms(
     """Terms of pairs of maps.
 
     Args:
-        terms: As given; None for none.
-        pairs: As `checked_pairs` gave them; None if they are not known yet.
+        terms: Further residuals as the user gave them; None for none.
+        pairs: Pairs that `checked_pairs` gave; None if they are not known yet.
         num_maps: How many maps there are.
 
     Raises:

@@ -25,10 +25,10 @@ LEAST_ROWS = 1 << 14
 
 
 def in_common_tables(targets: Sequence[Target], maps: Sequence[PreparedMap]) -> list[Target]:
-    """The same with surfaces and fields in common tables, of lengths that are few; differentiable in what is traced.
+    """Targets with their surfaces and fields in common tables of few lengths; differentiable in what is traced.
 
     Args:
-        targets: Of each map, all for the same kinds of residuals.
+        targets: What points of other maps meet in each map, for the same kinds of residuals.
         maps: The maps.
 
     Raises:

@@ -31,9 +31,9 @@ def solve_starts(
     exceeds a CPU's cache. Each start is compared with its own result; starts without a better pose stay.
 
     Args:
-        problem: As for `solve_pose`.
+        problem: The problem, see `solve_pose`.
         starts: Any number, at least one.
-        scales: As for `solve_pose`.
+        scales: Robust scales of the levels, see `solve_pose`.
 
     Returns:
         Host arrays with a leading axis k. The steps are those on the way to a basin and in it.

@@ -25,8 +25,8 @@ class Target(NamedTuple):
     """A map as points of another are held against it; None for what the kinds of residuals do not read.
 
     Attributes:
-        surface: Its planes.
-        distances: Its distance field.
+        surface: Planes of the map.
+        distances: Distance field of the map.
         opinions: What it says of each place.
         has_free_space: Whether its normals point to free space.
     """
@@ -41,7 +41,7 @@ class Points(NamedTuple):
     """A map's points as they are held against another; None for what the kinds of residuals do not read.
 
     Attributes:
-        sample: On its planes.
+        sample: Points on the planes of the map.
         opinions: Voxel centres near its surfaces, and what it says of each.
         has_free_space: Whether its normals point to free space.
     """

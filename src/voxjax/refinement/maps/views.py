@@ -55,7 +55,7 @@ class SoftMap(NamedTuple):
 
     Attributes:
         prepared: The map by its states, cut to what is known.
-        neighbours: Of its occupied voxels.
+        neighbours: Neighbourhoods of its occupied voxels.
         window: Where the cut lies in the whole grid.
     """
 
@@ -111,7 +111,7 @@ def views_of(grids: Mapping[str, VoxelGrid | PreparedMap], *, soft: bool) -> lis
     """Maps as the residuals see them; None for those without an occupied voxel.
 
     Args:
-        grids: By the names that errors call them.
+        grids: The maps, by the names that errors call them.
         soft: Weigh voxels by their probabilities; all maps must then be grids with log-odds.
 
     Raises:

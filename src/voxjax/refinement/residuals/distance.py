@@ -41,7 +41,7 @@ class HeldDistances(HeldFieldTerm):
     """`Distances` of points that keep their cells.
 
     Attributes:
-        cells: Of the points.
+        cells: Cells that the points lie in.
         sample: The points.
         loss: See `Distances`.
         is_inverse: See `Distances`.
@@ -71,9 +71,9 @@ def plane_distances(
     """Distance of voxel centres from the piece of plane at the nearest surface voxel, sub-voxel and truncated [m].
 
     Args:
-        centres: Of voxels near surfaces [m].
+        centres: Centres of voxels near surfaces [m].
         nearest: Row of the nearest surface voxel of each.
-        anchors: Of the surface voxels, on the planes there [m].
+        anchors: Points on the planes around the surface voxels [m].
         normals: Unit normals there.
         is_signed: Whether the normal there points to free space: distances are then negative behind the surface.
             Elsewhere they are the distance from the anchor.

@@ -41,7 +41,7 @@ class HeldFieldTerm(PointTerm):
     """Points that keep their cells.
 
     Attributes:
-        cells: Of the points.
+        cells: Cells that the points lie in.
         sample: The points.
     """
 

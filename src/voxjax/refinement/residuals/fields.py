@@ -23,9 +23,9 @@ class Field(NamedTuple):
     Attributes:
         rows: Flat, C order: row of `values` of each voxel of the block.
         dims: Size of the block [voxel].
-        origin: Its outer corner [m].
-        voxel_size: [m].
-        values: Of the voxels near surfaces, and of what is elsewhere.
+        origin: Outer corner of that block [m].
+        voxel_size: Edge length of a voxel [m].
+        values: Values of the voxels near surfaces, and of what is elsewhere.
         outside: Row of `values` that holds what is outside of the block.
     """
 
@@ -47,8 +47,8 @@ class Cells(NamedTuple):
 
     Attributes:
         low: Centre of the lowest of the eight, by columns [m].
-        voxel_size: [m].
-        values: Of the eight, in the order of `CORNERS`.
+        voxel_size: Edge length of a voxel [m].
+        values: Values of the eight, in the order of `CORNERS`.
     """
 
     low: list[Array]

@@ -13,7 +13,7 @@ from .terms import Columns, Level
 
 
 def opinion(log_odds: Float[Array, "*n"]) -> Float[Array, "*n"]:
-    """From log-odds to [-1, 1]: 1 surely occupied, -1 surely free, 0 unknown; `2 p - 1`."""
+    """Log-odds as an opinion in [-1, 1]: 1 surely occupied, -1 surely free, 0 unknown; `2 p - 1`."""
     return jnp.tanh(0.5 * log_odds)
 
 
@@ -59,7 +59,7 @@ class HeldOccupancies(HeldFieldTerm):
     """`Occupancies` of points that keep their cells.
 
     Attributes:
-        cells: Of the points.
+        cells: Cells that the points lie in.
         sample: The points.
         said: Opinion of each point.
         loss: See `Occupancies`.

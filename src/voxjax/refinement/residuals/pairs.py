@@ -15,7 +15,7 @@ class CornerPairs(PointTerm):
 
     Attributes:
         of_a: Points of map a [m].
-        of_b: Their partners in map b [m].
+        of_b: The partners of those points in map b [m].
         share: Weight of each pair, at least 0.
         loss: What a large offset costs.
     """
@@ -43,8 +43,8 @@ class Prior(Term):
     """A pose that is believed beforehand: the solution then depends on it, and has a derivative with respect to it.
 
     Attributes:
-        T_a_b: That pose.
-        centroid: Of map b [m].
+        T_a_b: The pose that is believed.
+        centroid: Centroid of map b [m].
         root_information: W, where `W^T W` is the inverse covariance of the tangent (translation [m], rotation [rad])
             about the image of the centroid, in units in which the other terms' costs are counted.
     """

@@ -34,11 +34,11 @@ class NearestSurface(NamedTuple):
     Attributes:
         keys: Flat field of `ops.evidence.nearest.nearest_field`.
         dims: Size of its block [voxel].
-        origin: Its outer corner [m].
-        voxel_size: [m].
-        points: Of the voxels that the keys point to, on the planes there [m].
+        origin: Outer corner of that block [m].
+        voxel_size: Edge length of its voxels [m].
+        points: Places on the planes around the voxels that the keys point to [m].
         normals: Unit normals there.
-        planarity: In [0, 1]: how far to trust the normals.
+        planarity: How far to trust the normals, in [0, 1].
         is_signed: Whether the normals of both maps point to free space, so that two sides of a wall differ.
         trust: Factor on the weight of a point that meets the voxel, at least 0; None for 1.
     """
@@ -63,10 +63,10 @@ class Sample(NamedTuple):
     """Points of map b and their weights, 0 for padding.
 
     Attributes:
-        points: [m], in frame b.
+        points: Places in frame b [m].
         normals: Unit normals there; of length 0 where there is no plane.
         weights: At least 0; sum 1.
-        centroid: Of map b [m].
+        centroid: Centroid of map b [m].
     """
 
     points: Float[Array, "n 3"]
@@ -86,12 +86,12 @@ class Meeting(NamedTuple):
     """What points meet under a pose, by columns.
 
     Attributes:
-        anchor: On the surface, near the nearest voxel of it [m].
-        normal: Of the surface there.
-        planarity: In [0, 1].
+        anchor: Point on the surface, near the nearest voxel of it [m].
+        normal: Unit normals of the surface there.
+        planarity: How far to trust these normals, in [0, 1].
         is_match: There is a voxel in reach, and it does not face another way (the other side of a wall, a floor upon a
             ceiling).
-        trust: Of what they meet, 1 for no match; None for 1 everywhere.
+        trust: Trust of the voxels met, 1 for no match; None for 1 everywhere.
     """
 
     anchor: list[Array]
@@ -107,10 +107,10 @@ def meet(
     """Look up the nearest voxels of a surface.
 
     Args:
-        surface: To be looked at.
-        points: Moved into its frame [m].
-        normals: Of the points, not yet turned; of length 0 where there is no plane.
-        rotation: That turns them.
+        surface: The surface that is looked at.
+        points: The points, moved into its frame [m].
+        normals: Normals of the points, not yet turned; of length 0 where there is no plane.
+        rotation: The rotation that turns them.
     """
     places = [(points[i] - surface.origin[i]) / surface.voxel_size for i in range(3)]
     is_valid = surface.voxel_size > 0
@@ -139,7 +139,7 @@ class PointToPlane(Term):
     A point with nothing in reach costs as much as one at the end of the field's reach, with no slope.
 
     Attributes:
-        surface: Of the map that the points are held against.
+        surface: Surface of the map that the points are held against.
         sample: The points.
         slide: Weight of a distance along a plane, beside 1 for one across it.
         loss: What a large offset costs.

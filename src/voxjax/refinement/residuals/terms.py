@@ -52,7 +52,7 @@ class Term(eqx.Module):
         """The term with what its points meet held: smooth in the pose.
 
         Args:
-            met: By `met`, not None.
+            met: What `met` gave, not None.
         """
         raise NotImplementedError
 
@@ -92,7 +92,7 @@ class PointTerm(Term):
         raise NotImplementedError
 
     def weights(self) -> Float[Array, "n"]:
-        """Of the points, at least 0."""
+        """Weights of the points, at least 0."""
         raise NotImplementedError
 
     def offsets(self, points: Columns, level: Level) -> Columns:
@@ -131,8 +131,8 @@ def robust_rows(offset: Columns, weights: Float[Array, "n"], loss: Loss) -> Floa
     """Offsets in units of the robust scale, shrunk so that the sum of their squares is the robust loss.
 
     Args:
-        offset: By columns.
-        weights: Of the points, at least 0.
+        offset: Offsets of the points, by columns.
+        weights: Weights of the points, at least 0.
         loss: What a large offset costs.
     """
     squared = dot(offset, offset)

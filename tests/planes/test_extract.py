@@ -1,0 +1,38 @@
+"""Planes of whole maps against the room they show."""
+
+import equinox as eqx
+import numpy as np
+import pytest
+
+from hand_made_surfaces import SIZE, room_grid
+from oracles import box_room
+from voxjax import VoxelGrid
+from voxjax.planes.extract import extract_planes
+from voxjax.planes.triples import intersect_planes
+
+
+@pytest.mark.parametrize("turn", [np.eye(3), box_room.rotation((1, 2, 3), 0.7)], ids=["straight", "turned"])
+def test_planes_of_a_room_are_good_to_six_tenths_of_a_degree(turn):
+    grid, shift = room_grid(turn, noise=0.2)
+    found = extract_planes(grid)
+    planes = found.planes.trimmed()
+    for axis in range(3):
+        for sign in (1.0, -1.0):
+            normal = turn[:, axis] * sign
+            place = shift + (turn @ box_room.ROOM * SIZE if sign < 0 else 0.0)
+            row = np.argmin(
+                np.linalg.norm(planes.normal - normal, axis=1) + np.abs(planes.offset - normal @ place)
+            )
+            assert np.degrees(np.arccos(min(planes.normal[row] @ normal, 1.0))) < 0.6
+            assert planes.offset[row] == pytest.approx(normal @ place, abs=0.25 * SIZE)
+    assert (np.diff(planes.num_voxels) <= 0).all()
+    counts = np.bincount(found.labels[found.labels >= 0], minlength=len(planes.num_voxels))
+    np.testing.assert_array_equal(counts, planes.num_voxels)
+
+
+def test_empty_maps_have_no_planes():
+    found = extract_planes(VoxelGrid(np.zeros((4, 4, 4), np.uint8), np.zeros(3), SIZE))
+    assert int(found.planes.num_found) == 0
+    assert len(found.labels) == 0
+    assert len(intersect_planes(found, reach=1.0, min_triple_product=0.4).planes) == 0
+    assert eqx.tree_equal(found, found)
