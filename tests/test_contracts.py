@@ -3,6 +3,7 @@
 import ast
 import importlib
 import inspect
+import json
 import pydoc
 import re
 import subprocess
@@ -44,9 +45,12 @@ def _modules():
 
 
 def _public(body):
-    """Functions and classes without a leading underscore."""
+    """Functions and classes without a leading underscore, but for the signatures of overloads."""
     definitions = [node for node in body if isinstance(node, (ast.FunctionDef, ast.ClassDef))]
-    return [node for node in definitions if not node.name.startswith("_")]
+    is_overload = lambda node: any(
+        isinstance(d, ast.Name) and d.id == "overload" for d in node.decorator_list
+    )
+    return [node for node in definitions if not node.name.startswith("_") and not is_overload(node)]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -151,6 +155,18 @@ def test_interfaces_and_files_that_the_architecture_names_exist():
         assert callable(pydoc.locate(f"voxjax.{name}")), name
     for path in re.findall(r"`((?:\w+/)+\w+\.py)`", ARCHITECTURE):
         assert (SOURCE / path).is_file() or (ROOT / path).is_file(), path
+
+
+@pytest.mark.parametrize("notebook", sorted((ROOT / "notebooks").glob("*.ipynb")), ids=lambda path: path.stem)
+def test_notebooks_keep_what_they_printed_and_drew(notebook):
+    cells = [c for c in json.loads(notebook.read_text(encoding="utf-8"))["cells"] if c["cell_type"] == "code"]
+    assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
+    outputs = [output for cell in cells for output in cell["outputs"]]
+    assert sum("image/png" in output.get("data", {}) for output in outputs) >= 2
+    for output in outputs:
+        assert output["output_type"] != "error"
+        assert output.get("name") != "stderr"
+        assert not re.search(r"/(home|root|tmp|Users)/", "".join(output.get("text", [])))
 
 
 def test_the_version_is_that_of_the_changelog():
