@@ -22,10 +22,10 @@ def materialized(
     run time only stays a call with results of its own. Under `vmap` it becomes a choice, and all is fused again.
 
     Args:
-        compute: Its results are arrays; what it closes over may be traced.
+        compute: A function whose results are arrays; what it closes over may be traced.
         is_valid: A condition that always holds, but that a compiler cannot know, as that a length is positive. Where
             it does not hold, all results are 0.
-        operands: Of `compute`.
+        operands: Arguments of `compute`.
     """
     shapes = jax.eval_shape(compute, *operands)
 

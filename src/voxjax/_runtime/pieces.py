@@ -85,8 +85,8 @@ def over_pieces(
     """What a kernel gives for each row of some lists of equal length.
 
     Args:
-        kernel: As the function of `each_piece`; gives an array, or a tree of arrays, of `size` rows. Rows of padding
-            may hold anything.
+        kernel: A function as `each_piece` takes it, which gives an array, or a tree of arrays, of `size` rows. Rows of
+            padding may hold anything.
         lists: See `each_piece`, as for the other arguments.
         size: Rows that the kernel sees.
         step: Rows that count in each piece.
@@ -134,7 +134,7 @@ def sum_over_pieces(
         kernel: From lists of one of the lengths `PIECES` or `most`, poses (512, 4, 4), their number to sums (512, m).
             Rows of zeros in the lists must add nothing.
         lists: float32, one row a point each.
-        poses: Of any number.
+        poses: Any number of poses.
         most: Points of a piece at most.
         least_lookups: Points times poses of a call at least, if one call is not enough: none shall be done before
             another thread has begun.

@@ -17,7 +17,7 @@ REACH = 12.0
 """Length of the rays [m]: across a hall, not across a building."""
 
 MIN_DIRECTIONS = 20
-"""Of 26 directions so many must meet a surface."""
+"""A place is enclosed if a surface lies in at least so many of the 26 directions."""
 
 CELL = 2
 """Voxels that a cell is wide: an eighth of the work, and rays do not slip through surfaces one voxel thin."""

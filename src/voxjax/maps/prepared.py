@@ -35,7 +35,7 @@ class PreparedMap(eqx.Module):
         grid: The map at the working voxel size, cut to what is known.
         points: Occupied voxel centres [m], followed by zeros, as all lists and flat fields: their lengths are few
             (`_runtime.tables`), so that maps share compiled kernels.
-        anchors: The same points moved onto the planes through their neighbourhoods [m], which takes out most of what
+        anchors: Voxel centres moved onto the planes through their neighbourhoods [m], which takes out most of what
             the grid rounded; voxel centres where there is no plane.
         normals: Unit normals, toward free space where the map has any.
         sides: Normals where they say which side is free, rows of zero elsewhere.
@@ -46,10 +46,10 @@ class PreparedMap(eqx.Module):
         free_share: Share of the occupied voxels with free space on one side of them.
         keys: Flat field of the nearest occupied voxel.
         codes: Flat evidence codes at the tolerance of the voxel size.
-        rough_codes: The same at the tolerance of cells `coarse_factor` voxels wide.
+        rough_codes: Flat evidence codes at the tolerance of cells `coarse_factor` voxels wide.
         states: Flat states.
         dims: Size of the block [voxel].
-        centroid: Of the occupied voxels [m], float32 (3,).
+        centroid: Mean of the occupied voxel centres [m], float32 (3,).
     """
 
     grid: VoxelGrid

@@ -117,7 +117,7 @@ def match_descriptors(
 
     Args:
         a: One level of the first map.
-        b: The same level of the second map.
+        b: Level of the second map that has the same spacing.
 
     Returns:
         Rows of a and b, int32 (k, 2), in the order of a, and the squared descriptor distances (k,).

@@ -1,4 +1,9 @@
-"""Kernels on dense grids, on listed voxels, on blocks, tiles and device meshes; pure functions of arrays."""
+"""Kernels on dense grids, on listed voxels, on blocks, tiles and device meshes; pure functions of arrays.
+
+Most of them serve the stages of the pipeline. No stage uses `components` (`connected_components`, `label_voxels`,
+`grow_regions`), `distance` (`distance_field`), `blocks` with `occupied_indices`, or `large` (tiles, device meshes):
+they are doors of their own for whoever works on grids directly, kept by their tests and by `python -m bench kernels`.
+"""
 
 from .blocks.choice import box_count_at
 from .blocks.compact import occupied_indices

@@ -23,7 +23,7 @@ GATHER_BITS = np.uint32(0x10204080)
 def pack_bits(bits: Bits) -> UInt32[Array, "m"]:
     """Pack bits into words of 32, the first bit lowest, zeros appended to the last word.
 
-    As `np.packbits(bits, bitorder="little")`, read as little-endian uint32.
+    The words are those of `np.packbits(bits, bitorder="little")`, read as little-endian uint32.
     """
     pairs = pack_spread(bits, 2).reshape(-1, 2)
     nibbles_in_bytes = (pairs | (pairs >> np.uint32(4))) & np.uint32(0x00FF00FF)
@@ -37,7 +37,7 @@ def pack_spread(bits: Bits, multiple: int = 1) -> UInt32[Array, "m"]:
     Bit 8 b + i of a word, i below 4, is bit 4 b + i of its sixteen.
 
     Args:
-        bits: In their order.
+        bits: Bits in the order in which they shall be packed.
         multiple: Words of zeros are appended up to a multiple of it.
     """
     bits = jnp.asarray(bits)

@@ -3,6 +3,9 @@
 Each voxel points to a lower row of its component. A round takes the least pointer among the neighbours, hooks it to
 the root as well, and shortens the paths; six rounds settle real maps of half a million voxels, where handing labels
 on from voxel to voxel takes hundreds. Work and memory of a round grow with the listed voxels, not with the volume.
+
+No stage of the pipeline uses this module: planes grow over pairs of surface elements (`planes.grow`), another thing. It
+is a door of its own for whoever labels grids on a device.
 """
 
 import functools
@@ -246,7 +249,7 @@ def _label(neighbours: Int32[Array, "k n"], mask: Bool[Array, "n"], rows_of: _Ro
     """Components of a symmetric table of neighbours, numbered by their lowest rows.
 
     Args:
-        neighbours: Of `_neighbours`.
+        neighbours: Table that `_neighbours` gives.
         mask: Rows that take part.
         rows_of: The rows that entries join, and whether they do.
     """

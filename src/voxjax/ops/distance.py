@@ -3,6 +3,8 @@
 A voxel's key holds the squared distance to the nearest occupied voxel found so far and the way to it, so that the
 least key is the nearest voxel, and the first one in C order among equally near ones. `nearest` serves lists of voxels
 in blocks whose shape is not known at compilation; this module is the quicker one for a grid of known shape.
+
+No stage of the pipeline uses it; it is a door of its own for planning and for distances of whole grids.
 """
 
 from collections.abc import Callable

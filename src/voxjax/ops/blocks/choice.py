@@ -86,7 +86,7 @@ def _dense_at(occupied: Occupied, index: Int32[Array, "n 3"], *, size: int) -> U
 
 @partial(jax.jit, static_argnames=("lattice",))
 def _blocks_of(index: Int32[Array, "n 3"], *, lattice: tuple[int, int, int]) -> Bool[Array, "bx by bz"]:
-    """Which blocks hold a listed voxel."""
+    """Say which blocks hold a listed voxel."""
     block = jnp.asarray(index) >> np.int32(3)
     place = (block[:, 0] * np.int32(lattice[1]) + block[:, 1]) * np.int32(lattice[2]) + block[:, 2]
     flags = jnp.zeros((lattice[0] * lattice[1] * lattice[2],), jnp.bool_).at[place].set(True, mode="drop")

@@ -106,7 +106,7 @@ def _over_last(values: Array, width: int, stride: int, combine: Callable[[Array,
 
 
 def _select_bit(words: Array, start: Array, rank: Array) -> jax.Array:
-    """Which of the 64 voxels from word `start` on is the occupied one that has `rank` occupied ones before it."""
+    """Find which of the 64 voxels from word `start` on is the occupied one that has `rank` occupied ones before it."""
     parts = [_take(words, start + k) for k in range(_GROUP)]
     counts = [jax.lax.population_count(part).astype(jnp.int32) for part in parts]
     place = jnp.zeros_like(rank)

@@ -54,7 +54,7 @@ def list_blocks(words: Words, *, halo: int = 3) -> Blocks:
     Host code: the number of blocks is read back. `cut_blocks` is the part that can be jitted.
 
     Args:
-        words: Of `pack_words`.
+        words: Grid packed by `pack_words`.
         halo: Voxels to hold beyond each block, 0 to 8; half the window that is to be counted.
 
     Returns:
@@ -73,8 +73,8 @@ def cut_blocks(words: Words, flags: Bool[Array, "bx by bz"], *, halo: int, capac
     """Cut the flagged blocks out of a grid of bits.
 
     Args:
-        words: Of `pack_words`.
-        flags: Which blocks, over the lattice of `lattice_of_words(words)`; `occupied_blocks` or any others.
+        words: Grid packed by `pack_words`.
+        flags: True for the blocks to cut, over the lattice of `lattice_of_words(words)`; `occupied_blocks` or others.
         halo: Voxels to hold beyond each block, 0 to 8.
         capacity: Length of the list.
 
@@ -127,7 +127,7 @@ def count_in_blocks(blocks: Blocks, *, size: int = 7) -> UInt16[Array, "k 8 8 8"
     0.5 us a block on one core of a CPU, whatever the size of the grid.
 
     Args:
-        blocks: Of `list_blocks` or `cut_blocks`, with a halo of at least `size // 2`.
+        blocks: Blocks from `list_blocks` or `cut_blocks`, with a halo of at least `size // 2`.
         size: Window edge [voxel]; odd, 1 to 15.
 
     Returns:
@@ -189,10 +189,10 @@ def take_from_blocks(
     """Look values up at voxels.
 
     Args:
-        values: Of each voxel of each block.
+        values: One value for each voxel of each block.
         blocks: The list that the values belong to.
         index: Voxels.
-        lattice: Of the grid, `lattice_of_words(words)`.
+        lattice: Lattice of the grid's blocks, `lattice_of_words(words)`.
 
     Returns:
         Values in the order of `index`, and whether each one's block is in the list; 0 where it is not.
@@ -227,9 +227,9 @@ def dense_from_blocks(
     It costs more than a dense count would have: for tests, pictures and files.
 
     Args:
-        values: Of each voxel of each block.
+        values: One value for each voxel of each block.
         blocks: The list that the values belong to.
-        shape: Of the grid [voxel].
+        shape: Size of the grid [voxel].
     """
     bx, by, bz = (-(-side // BLOCK) for side in shape)
     dense = jnp.zeros((bx, BLOCK, by, BLOCK, bz, BLOCK), values.dtype)

@@ -40,8 +40,8 @@ def surface_normals(
 
     Returns:
         Unit normals (n, 3) of arbitrary sign, and the surface variation (n,) in [0, 1/3]: the share of the variance
-        that is along the normal, 0 on a plane; 1/3 for points with fewer than three neighbours. As NumPy arrays where
-        NumPy arrays were given.
+        that is along the normal, 0 on a plane; 1/3 for points with fewer than three neighbours. They are NumPy
+        arrays where NumPy arrays were given.
     """
     if not are_numpy(points, near):
         return _normals_kernel(points, near, jnp.float32(radius))
@@ -96,8 +96,8 @@ def point_feature_histograms(
 
     Returns:
         (n, 3 num_bins): the square roots of the three histograms, each histogram summing to 1 (to 0 for
-        points without neighbours), so that a Euclidean distance is the Hellinger distance of the histograms. As a NumPy
-        array where NumPy arrays were given.
+        points without neighbours), so that a Euclidean distance is the Hellinger distance of the histograms. It is a
+        NumPy array where NumPy arrays were given.
 
     Raises:
         InputError: If the number of bins is out of range.

@@ -38,7 +38,7 @@ def is_within(
     Args:
         own: Rows x, y, z, whatever follows.
         others: The same.
-        square: Of the distance.
+        square: Square of the largest distance.
     """
     return (_offsets(own, others)[1] <= square).astype(jnp.float32)
 
@@ -82,9 +82,9 @@ def pair_bins(
 
     Args:
         own: Rows x, y, z and those of the normal n.
-        others: The same, with the normal m.
-        square: Of the radius.
-        num_bins: Of each histogram.
+        others: Places of the other points and their normal m, as columns.
+        square: Square of the radius.
+        num_bins: Bins of each histogram.
     """
     (x, y, z), length = _offsets(own, others)
     is_neighbor = (length <= square) & (length > 0.0)

@@ -32,7 +32,7 @@ _CHUNK = 512
 
 
 class NearTiles(NamedTuple):
-    """Which tiles of points are near each other.
+    """Tiles of points, and which of them are near each other.
 
     Attributes:
         rows: int32 (2 t, LEAF): rows of the points by half tile; tile i has the half tiles 2 i and 2 i + 1. The number
@@ -52,8 +52,8 @@ class PointTree(NamedTuple):
 
     Attributes:
         rows: int64 (l, LEAF): rows of the points by half tile; the number of points where a place is empty.
-        low: Of each level, float32 (3, 2**k): least coordinates; infinite for nodes without points.
-        high: Of each level: largest coordinates; -infinite for nodes without points.
+        low: Least coordinates of the nodes of each level, float32 (3, 2**k); infinite for nodes without points.
+        high: Largest coordinates of the nodes of each level; -infinite for nodes without points.
     """
 
     rows: np.ndarray
@@ -133,7 +133,7 @@ def near_tiles(tree: PointTree, radius: float) -> NearTiles:
     """Find the half tiles within a radius of each tile.
 
     Args:
-        tree: Of the points.
+        tree: Tree of the points, see `point_tree`.
         radius: Distance [m, as the points]; every pair of points at most so far apart is in the result.
 
     Returns:
@@ -189,9 +189,9 @@ def _grouped(rows: np.ndarray, own: np.ndarray, other: np.ndarray) -> NearTiles:
 
 
 def padded_tiles(near: NearTiles, count: int, size: int) -> NearTiles:
-    """The same tiles for `count` points padded to `size` rows, with items on the ladder of sizes.
+    """Tiles for `count` points padded to `size` rows, with items on the ladder of sizes.
 
-    For accelerators, where a list belongs to the shape of the kernel; the items added hold no pair.
+    Accelerators need this, where a list belongs to the shape of the kernel; the items added hold no pair.
     """
     items, half_tiles = bucket_size(len(near.own), 1024), 2 * (-(-size // TILE) + 1)
     rows = pad_rows(np.where(near.rows < count, near.rows, size).astype(np.int32), half_tiles, size)

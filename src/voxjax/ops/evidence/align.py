@@ -45,14 +45,14 @@ def align_poses(
 
     Args:
         keys: Nearest-voxel field of the map, flat over `dims`.
-        dims: Size of its block [voxel].
-        origin: Its outer corner [m].
-        voxel_size: [m].
+        dims: Size of the map's block [voxel].
+        origin: Outer corner of the block [m].
+        voxel_size: Width of a voxel [m].
         surface: Occupied voxel centres the keys point to [m].
-        normals: Their unit normals.
+        normals: Unit normals of those voxels.
         points: Points of the other map [m].
-        weights: One a point; 0 for padding.
-        poses: Starts, each maps the points into the map.
+        weights: Weight of each point; 0 for padding.
+        poses: Starts, each of which maps the points into the map.
         num_steps: Fixed number of steps.
         start_distance: Robust scale at the start [voxel].
         final_distance: Robust scale at the end [voxel].
@@ -88,9 +88,15 @@ class _Target(NamedTuple):
 
 @partial(jax.jit, static_argnames=("num_steps", "batch_size"))
 def _align_at_once(
-    target: _Target, points: Array, weights: Array, poses: Array, start: Array, final: Array, num_steps: int,
+    target: _Target,
+    points: Array,
+    weights: Array,
+    poses: Array,
+    start: Array,
+    final: Array,
+    num_steps: int,
     batch_size: int,
-) -> Array:  # fmt: skip
+) -> Array:
     align = partial(_align, _Alignment.of(target, points, weights, start, final), num_steps=num_steps)
     return jax.lax.map(align, poses, batch_size=batch_size)
 
@@ -98,9 +104,15 @@ def _align_at_once(
 @kept_program
 @partial(jax.jit, static_argnames="num_steps")
 def _align_piece(
-    target: _Target, points: Array, weights: Array, start: Array, final: Array, poses: Array, count: Array,
+    target: _Target,
+    points: Array,
+    weights: Array,
+    start: Array,
+    final: Array,
+    poses: Array,
+    count: Array,
     num_steps: int,
-) -> Array:  # fmt: skip
+) -> Array:
     """The first `count` poses aligned, the others as they are."""
     alignment = _Alignment.of(target, points, weights, start, final)
 

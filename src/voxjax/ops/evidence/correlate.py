@@ -29,12 +29,12 @@ def coarse_spectra(
     """Fourier transforms of one rotated map on a coarse block: what it offers, and what it asks.
 
     Args:
-        codes: Of `evidence_codes` at the coarse tolerance, flat over `dims`.
+        codes: Evidence codes (`evidence_codes`) at the coarse tolerance, flat over `dims`.
         dims: Size of the map's block [voxel].
-        origin: Its outer corner [m].
-        voxel_size: Its voxel size [m].
+        origin: Outer corner of that block [m].
+        voxel_size: Width of the map's voxels [m].
         points: Occupied voxel centres in the map's frame [m].
-        weights: One a point; 0 for padding.
+        weights: Weight of each point; 0 for padding.
         rotation: Maps the map's frame into the frame of the coarse block.
         low: Outer corner of the coarse block [m].
         cell_size: Edge of a coarse cell [m].

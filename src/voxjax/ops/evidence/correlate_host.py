@@ -39,11 +39,11 @@ def coarse_spectra_on_host(
     """Fourier transforms of one rotated map on a coarse block: what it offers, and what it asks.
 
     Args:
-        codes: Of `evidence_codes` at the coarse tolerance.
+        codes: Evidence codes (`evidence_codes`) at the coarse tolerance.
         origin: Outer corner of the map's block [m].
-        voxel_size: [m].
+        voxel_size: Width of the map's voxels [m].
         columns: Occupied voxel centres in the map's frame [m], as rows x, y and z.
-        weights: One a point.
+        weights: Weight of each point.
         rotation: Maps the map's frame into the frame of the coarse block.
         low: Outer corner of the coarse block [m].
         box: Cells of the coarse block, from `low` on, that can hold anything of the map.
@@ -52,7 +52,7 @@ def coarse_spectra_on_host(
         cells: Size of the coarse block; at least the sum of both maps' boxes, or the correlation wraps.
 
     Returns:
-        As `ops.evidence.correlate.coarse_spectra`.
+        Both spectra, as `correlate.coarse_spectra` gives them.
     """
     # Cell centres in voxels of the map: a sum of one vector an axis.
     step = rotation * (cell_size / voxel_size)
@@ -83,7 +83,7 @@ def reversed_spectrum(
     """Transform of a real block reversed along some axes, about its first cell: `f(-x)` instead of `f(x)`.
 
     Args:
-        spectrum: Of `rfftn`.
+        spectrum: Half spectrum that `rfftn` gives.
         is_reversed: For each axis, whether to reverse it.
         cells: Size of the block.
     """
@@ -106,10 +106,10 @@ def correlation_peaks_on_host(
     """Best translations of b against a, at most one in each block of cells; as `correlate.correlation_peaks`.
 
     Args:
-        offer_a: Of `coarse_spectra_on_host`, as the next three.
-        ask_a: Of map a.
-        offer_b: Of map b.
-        ask_b: Of map b.
+        offer_a: What map a offers, from `coarse_spectra_on_host`.
+        ask_a: What map a asks.
+        offer_b: What map b offers.
+        ask_b: What map b asks.
         cells: Size of the block; multiples of `PEAK_BLOCK`.
         num_peaks: At most so many.
 

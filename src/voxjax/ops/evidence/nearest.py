@@ -73,8 +73,8 @@ def nearest_rows(
     """Whether a listed voxel is in reach of points, and its row, 0 where there is none.
 
     Args:
-        keys: Of `nearest_field`.
-        cells: Gives the cells of the points and whether they are inside the block.
+        keys: Field that `nearest_field` gives.
+        cells: Function that gives the cells of the points and whether they are inside the block.
         is_valid: See `materialized`.
     """
 

@@ -27,8 +27,8 @@ def nearest_field_on_host(
 
     Args:
         index: Different voxels inside the block, in C order.
-        shape: Of the block [voxel].
-        length: Of the result, at least `prod(shape)`; what follows the block is 0 and takes no memory.
+        shape: Size of the block [voxel].
+        length: Length of the result, at least `prod(shape)`; what follows the block is 0 and takes no memory.
         radius: Reach [voxel], 1 to 5.
 
     Raises:
@@ -98,10 +98,10 @@ def evidence_codes_on_host(
 
     Args:
         states: Flat states of the map.
-        keys: Of `nearest_field_on_host`, same order.
+        keys: Keys that `nearest_field_on_host` gives, in the order of the states.
         hit_sq: Squared distance [voxel^2] up to which something occupied is a hit.
         clear_sq: Squared distance [voxel^2] from which on a free voxel is well clear of anything occupied.
-        length: Of the result; what follows the states is 0 and takes no memory.
+        length: Length of the result; what follows the states is 0 and takes no memory.
     """
     codes = reserve(length, dtype=np.uint8)
 

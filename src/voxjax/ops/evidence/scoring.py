@@ -37,7 +37,7 @@ def evidence_codes(
 
     Args:
         states: Flat states of the map, 0 unknown, 1 free, 2 occupied.
-        keys: Of `nearest_field`, same order.
+        keys: Keys that `nearest_field` gives, in the same order.
         hit_sq: Squared distance [voxel^2] to something occupied up to which it is a hit.
         clear_sq: Squared distance [voxel^2] from which on a free voxel is well clear of anything occupied.
 
@@ -55,10 +55,10 @@ class SurfaceField(NamedTuple):
     """What the voxels of the other map may meet.
 
     Attributes:
-        codes: Of `evidence_codes`, flat over the block.
-        keys: Of `nearest_field`, same order.
-        block: Where they lie.
-        normals: Of the voxels that the keys point to.
+        codes: Codes that `evidence_codes` gives, flat over the block.
+        keys: Keys that `nearest_field` gives, in the same order.
+        block: Place and size of the block.
+        normals: Normals of the voxels that the keys point to.
         is_signed: Whether the sign of the normals means something in both maps.
     """
 
@@ -215,15 +215,15 @@ def surface_evidence(
     without a copy.
 
     Args:
-        codes: Of `evidence_codes`, flat over `dims`; may be longer.
-        keys: Of `nearest_field`, same order.
+        codes: Codes that `evidence_codes` gives, flat over `dims`; they may be longer.
+        keys: Keys that `nearest_field` gives, in the same order.
         dims: Size of the block [voxel].
-        origin: Its outer corner [m].
-        voxel_size: [m].
+        origin: Outer corner of the block [m].
+        voxel_size: Width of a voxel [m].
         surface_normals: Normals of the voxels that the keys point to, toward free space.
         points: Points of the other map in its own frame [m].
-        normals: Their normals.
-        weights: One a point; 0 for padding.
+        normals: Normals of those points.
+        weights: Weight of each point; 0 for padding.
         poses: Each maps the points into the frame of the block.
         is_signed: Whether the sign of the normals means something in both maps.
         batch_size: Poses handled together where all is one kernel: under a transformation, and not on a CPU.
@@ -253,12 +253,12 @@ def score_poses(
     """Weighted hits, conflicts and undecided of many poses, as `surface_evidence` but without sides.
 
     Args:
-        codes: Of `evidence_codes`, flat in C order over `dims`; may be longer.
+        codes: Codes that `evidence_codes` gives, flat in C order over `dims`; they may be longer.
         dims: Size of the block [voxel].
         origin: Outer corner of the block [m].
-        voxel_size: [m].
+        voxel_size: Width of a voxel [m].
         points: Points of the other map in its own frame [m].
-        weights: One a point; 0 for padding.
+        weights: Weight of each point; 0 for padding.
         poses: Each maps the points into the frame of the block.
         batch_size: Poses handled together where all is one kernel.
 

@@ -49,7 +49,7 @@ class Placement(NamedTuple):
 
     Attributes:
         box_a: Cells that map a fills, from its low corner on.
-        box_b: Those of map b.
+        box_b: Cells that map b fills, from its low corner on.
         block_a: Rotation of map a into the block (3, 3).
         low_a: Low corner of a's box in the block's frame [m].
         upright_b: Rotation of map b into the block before any axis is reversed; the largest entry of each row is

@@ -25,7 +25,7 @@ class ShardedGrid(eqx.Module):
 
     Attributes:
         values: (x, y, z, ...), padded at the high ends to a multiple of the number of parts; the padding is 0.
-        shape: Of the grid without the padding [voxel].
+        shape: Size of the grid without the padding [voxel].
         mesh: Devices: its first axis cuts x, the second y, the third z.
     """
 
@@ -84,7 +84,7 @@ def map_shards(kernel: Callable[[jax.Array], jax.Array], grid: ShardedGrid, *, h
     Args:
         kernel: From a block (x, y, z, ...) to a block of the same x, y, z. Hand the same function object in again and
             it is not compiled again.
-        grid: Of `shard_grid`, or the result of another kernel.
+        grid: What `shard_grid` gives, or the result of another kernel.
         halo: How far the kernel looks [voxel].
 
     Returns:

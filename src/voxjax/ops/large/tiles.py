@@ -114,8 +114,8 @@ def tiles_of(shape: tuple[int, ...], edges: tuple[int, int, int], halo: int) -> 
     """Tiles of a grid in C order; together their cores are the grid, once.
 
     Args:
-        shape: Of the grid; axes after the third are not cut.
-        edges: Of a tile without its halo [voxel].
+        shape: Shape of the grid; axes after the third are not cut.
+        edges: Edges of a tile without its halo [voxel].
         halo: Voxels that a tile reads beyond its core, where the grid has them.
     """
     starts = (range(0, side, edge) for side, edge in zip(shape[:3], edges, strict=True))

@@ -29,9 +29,9 @@ def backward_affine(
     Args:
         T: Pose that moves the source.
         source_origin: Outer corner of the source [m].
-        source_voxel_size: Of the source [m].
+        source_voxel_size: Width of the source's voxels [m].
         target_origin: Outer corner of the target [m].
-        target_voxel_size: Of the target [m].
+        target_voxel_size: Width of the target's voxels [m].
     """
     inverse = jnp.swapaxes(jnp.asarray(T)[:3, :3], 0, 1)
     corner = jnp.asarray(target_origin) - T[:3, 3]

@@ -54,9 +54,9 @@ def moved_bounds(
     Args:
         states: uint8 (x, y, z).
         origin: Outer corner [m].
-        voxel_size: Of the grid [m].
+        voxel_size: Width of the grid's voxels [m].
         T: Pose that moves the grid.
-        target_voxel_size: Of the lattice [m].
+        target_voxel_size: Width of the lattice's cells [m].
 
     Returns:
         Lowest cell and one past the highest, int64 (3,) each; equal when nothing is known.

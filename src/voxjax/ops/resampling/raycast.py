@@ -55,7 +55,7 @@ def walk_rays(
         end_index: Voxel of each end.
         end_offset: Place of the end inside its voxel, in [0, 1) [voxel].
         strides: Distance of neighbours along x, y, z in the flat grid.
-        mask: Which rays count.
+        mask: True for the rays that count.
 
     Returns:
         The state after the last visit.

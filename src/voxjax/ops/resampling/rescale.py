@@ -31,8 +31,8 @@ def rescale_states(
     Args:
         states: 0 unknown, 1 free, 2 occupied.
         origin: Outer corner [m].
-        voxel_size: Of the grid [m].
-        new_voxel_size: Of the result [m].
+        voxel_size: Width of the grid's voxels [m].
+        new_voxel_size: Width of the result's voxels [m].
         log_odds: Or None.
 
     Returns:

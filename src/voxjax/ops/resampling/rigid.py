@@ -111,7 +111,7 @@ def resample_rigid(
     Args:
         states: 0 unknown, 1 free, 2 occupied.
         origin: Outer corner [m].
-        voxel_size: Of grid and result [m].
+        voxel_size: Width of the voxels of grid and result [m].
         T: Pose that moves the grid.
         log_odds: Or None.
 

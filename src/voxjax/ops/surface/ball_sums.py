@@ -39,8 +39,8 @@ def window_sums(
         size: Diameter [voxel]; odd.
 
     Returns:
-        Of the occupied voxels 1, x, y, z, xx, yy, zz, xy, xz, yz; of the free ones 1, x, y, z. int16 up to
-        diameter 7, int32 beyond.
+        Sums over the occupied voxels of 1, x, y, z, xx, yy, zz, xy, xz, yz and over the free ones of 1, x, y, z; int16
+        up to diameter 7, int32 beyond.
     """
     half = size // 2
     columns = _columns(size)
@@ -53,9 +53,17 @@ def window_sums(
     axis = np.arange(-half, half + 1)
     one, z, zz = (_digits(weights) for weights in (np.ones_like(axis), axis, axis**2))
     terms = (
-        (one, 0, 0), (one, 1, 0), (one, 0, 1), (z, 0, 0), (one, 2, 0), (one, 0, 2), (zz, 0, 0),
-        (one, 1, 1), (z, 1, 0), (z, 0, 1),
-    )  # fmt: skip
+        (one, 0, 0),
+        (one, 1, 0),
+        (one, 0, 1),
+        (z, 0, 0),
+        (one, 2, 0),
+        (one, 0, 2),
+        (zz, 0, 0),
+        (one, 1, 1),
+        (z, 1, 0),
+        (z, 0, 1),
+    )
     rows = [_weighted_sum(occupied, columns, *term) for term in terms]
     rows += [_weighted_sum(free, columns, *term) for term in terms[:4]]
     return jnp.stack(rows)
@@ -73,7 +81,7 @@ class _Digits(NamedTuple):
     """A sum of whole weights over the bits of a word, as counts of bits: one mask a binary digit of the weights.
 
     Attributes:
-        masks: Of each digit: the bits counted, those of them counted when zero, and the digit's value.
+        masks: For each digit the bits counted, those of them counted when zero, and the digit's value.
         excess: What the counts exceed the sum by: a bit of weight -1 is counted when zero, which is one too many.
     """
 

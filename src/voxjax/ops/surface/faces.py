@@ -1,4 +1,4 @@
-"""Which faces meet at a point: samples of the map on the quarter planes around candidate corners.
+"""Faces that meet at a point: samples of the map on the quarter planes around candidate corners.
 
 Three planes through a point cut space into eight octants, each bounded by three quarter planes ("patches").
 Octant o has bit i set where it lies on the negative side of plane i. Seen from inside an octant, a patch is a
@@ -33,10 +33,10 @@ class CornerFaces(NamedTuple):
     """Shares of samples around each candidate, float32.
 
     Attributes:
-        seen: (m, 8, 3): of patch i of octant o, occupied with free space before it inside the octant.
-        occupied: (m, 8, 3): of patch i of octant o, occupied (the same for both octants that share the
+        seen: (m, 8, 3): share of patch i of octant o that is occupied with free space before it inside the octant.
+        occupied: (m, 8, 3): share of patch i of octant o that is occupied (the same for both octants that share the
             patch).
-        free: (m, 8): of octant o, free.
+        free: (m, 8): share of octant o that is free.
     """
 
     seen: Float32[Array, "m 8 3"]
@@ -106,9 +106,14 @@ def _faces_on_host(
 
 @partial(jax.jit, static_argnames=("first", "last"))
 def _faces_kernel(
-    flat: UInt8[Array, "flat"], shape: Int32[Array, "3"], position: Float32[Array, "m 3"],
-    normals: Float32[Array, "m 3 3"], *, first: float, last: float,
-) -> CornerFaces:  # fmt: skip
+    flat: UInt8[Array, "flat"],
+    shape: Int32[Array, "3"],
+    position: Float32[Array, "m 3"],
+    normals: Float32[Array, "m 3 3"],
+    *,
+    first: float,
+    last: float,
+) -> CornerFaces:
     """`corner_faces` on a flat block, so that maps of other shapes compile nothing."""
     margin = int(np.ceil(3 * last)) + 4
     strides = jnp.stack([shape[1] * shape[2], shape[2], jnp.ones_like(shape[2])])

@@ -1,4 +1,4 @@
-"""Which listed voxels lie in the ball around each other, built once on the host, and sums over them.
+"""Listed voxels in the ball around each other, built once on the host, and sums over them.
 
 A sum over the ball is a linear function of the weights of the voxels. The neighbour relation is symmetric, so its
 transpose looks the same neighbours up, at mirrored offsets: both modes of differentiation gather, neither scatters.
@@ -69,7 +69,7 @@ def neighbourhood(
 
     Args:
         index: Different voxels inside the grid; fast where they are sorted in C order.
-        shape: Of the grid [voxel].
+        shape: Size of the grid [voxel].
         size: Diameter [voxel]; odd, at most 7.
 
     Returns:
@@ -117,8 +117,8 @@ class _Window(NamedTuple):
     Attributes:
         words: Neighbours of the first voxel, then those of the next.
         target: Where each word belongs, counted from the first strip of the window.
-        strips: Of each piece of the window.
-        place: Of each voxel in the pieces of the window.
+        strips: Number of strips of each piece of the window.
+        place: Where each voxel lies in the pieces of the window.
     """
 
     words: np.ndarray
@@ -177,9 +177,9 @@ def ball_sums(weights: Float[Array, "m"], neighbours: Neighbourhood) -> Float[Ar
     x, y, z count from the voxel [voxel]. Linear in the weights, in their dtype; differentiable in both modes.
 
     Args:
-        weights: Of the listed voxels, in their order, and of as many rows after them as the list is padded with; at
-            most as many as `neighbours.place`.
-        neighbours: Of the list.
+        weights: Weights of the listed voxels, in their order, and of as many rows after them as the list is padded
+            with; at most as many as `neighbours.place`.
+        neighbours: Neighbours in the list, see `neighbourhood`.
     """
     weights = jnp.asarray(weights)
     num_rows, length = weights.shape[0], neighbours.place.shape[0]

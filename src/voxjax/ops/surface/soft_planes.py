@@ -63,7 +63,7 @@ def soft_planes(
         occupancy: Probability in [0, 1] of each voxel of the list that the neighbourhood was built of, in its order;
             may be padded. Voxels that are not listed count as empty.
         toward: Direction that signs the normals; any length, 0 for none. Not differentiated.
-        neighbours: Of the list, see `neighbourhood`.
+        neighbours: Neighbours in the list, see `neighbourhood`.
 
     Returns:
         `SoftPlanes`, a row for each occupancy. Without occupied voxels around, the planarity, weight and offset are 0

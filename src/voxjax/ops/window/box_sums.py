@@ -23,7 +23,7 @@ def separable(is_occupied: Array, size: int, margin: int = 0) -> jax.Array:
 
 
 def packed(is_occupied: Array, size: int, margin: int = 0) -> jax.Array:
-    """As `separable`, with the first sums as population counts of `size` bits of words that hold 32 voxels.
+    """Do what `separable` does, with the first sums as population counts of `size` bits of words that hold 32 voxels.
 
     The halo is added to the words, an eighth of the bytes: fewer bytes are moved, more operations are done.
     """
