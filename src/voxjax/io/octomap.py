@@ -83,6 +83,7 @@ def decode_ot(data: bytes, *, max_voxels: int | None = None) -> VoxelGrid:
     low, shape, origin = _box_of(leaves, header.resolution)
     budget.check_grid(shape, 5, walk)
     log_odds = paint(leaves, low, shape, np.float32)
+    # OctoMap's own threshold is a probability of 0.5, log-odds of 0.
     states = [Leaves(d, key, np.where(value >= 0, OCCUPIED, FREE)) for d, key, value in leaves]
     return VoxelGrid(paint(states, low, shape, np.uint8), origin, header.resolution, log_odds)
 
@@ -95,11 +96,13 @@ def _leaves_of_bt(data: bytes, header: Header) -> list[Leaves]:
         )
     words = np.frombuffer(data, "<u2", offset=header.start)
     codes = (words[:, None] >> np.arange(0, 16, 2, dtype=np.uint16)).astype(np.uint8) & np.uint8(3)
+    # Leaves stand in the word of their parent, so that inner nodes alone have records to walk.
     levels = walk_levels(codes == INNER)
     _check_size(header.num_nodes, 1 + int(np.count_nonzero(codes)))
     if not words.all():
         raise InputError("an inner node has no children")
     leaves = []
+    # The codes of a record are of its children, one level further down.
     for depth, (record, key) in enumerate(levels, start=1):
         if depth > DEPTH:
             raise InputError("the tree is deeper than 16 levels")
@@ -145,6 +148,7 @@ def encode_bt(grid: VoxelGrid) -> bytes:
     for depth in range(DEPTH):
         index = np.argwhere(levels[depth].code == INNER)
         children = children_of(levels, depth, index)
+        # The word of an inner node holds two bits for each child; leaves have no word of their own.
         codes = levels[depth + 1].code[tuple(np.moveaxis(children, -1, 0))].astype(np.uint16)
         num_nodes += int(np.count_nonzero(codes))
         words.append((codes << np.arange(0, 16, 2, dtype=np.uint16)).sum(axis=1, dtype=np.uint16))
@@ -209,6 +213,7 @@ def _empty_grid(header: Header, data: bytes, *, with_log_odds: bool) -> VoxelGri
 def _box_of(leaves: list[Leaves], resolution: float) -> tuple[np.ndarray, tuple[int, int, int], np.ndarray]:
     """Lowest key int64 (3,), number of voxels and origin float32 (3,) [m] of the box around all leaves."""
     low, shape = bounding_box(leaves)
+    # OctoMap's keys are counted from its lowest voxel, and half of them lie below the frame's origin.
     origin = ((low - NUM_KEYS // 2) * resolution).astype(np.float32)
     return low, (int(shape[0]), int(shape[1]), int(shape[2])), origin
 
@@ -228,6 +233,7 @@ def _check_nodes(levels: list[TreeLevel], ending: str, bytes_per_inner: int) -> 
 
 def _known_box(grid: VoxelGrid) -> tuple[np.ndarray | None, np.ndarray, np.ndarray | None]:
     """Lowest key (None when nothing is known), states and log-odds of the known part of a grid."""
+    # Unknown voxels have no nodes, and a smaller box is faster to prune.
     grid = grid.crop_to_known()
     states = np.asarray(grid.states)
     if not states.any():
@@ -250,6 +256,7 @@ def _known_box(grid: VoxelGrid) -> tuple[np.ndarray | None, np.ndarray, np.ndarr
 
 
 def _checked_log_odds(states: np.ndarray, log_odds: np.ndarray) -> np.ndarray:
+    # Log-odds of unknown voxels are not written, so they may be anything.
     is_known = states != UNKNOWN
     if not np.isfinite(log_odds[is_known]).all():
         raise InputError("log_odds must be finite where the grid is known, but some are NaN or infinite")

@@ -55,6 +55,7 @@ def subtree_ends(num_children: np.ndarray) -> np.ndarray:
         raise InputError(
             f"{len(num_children) - complete[0]} records follow after the end of the tree (trailing bytes)"
         )
+    # Deeper trees are refused here already, because the levels below are told apart in eight bits.
     if pending.max() > _MOST_PENDING:
         raise InputError("the tree is deeper than 16 levels")
     # A step goes down by one at most, so the subtree of i ends where `pending` first falls below pending[i].
@@ -87,6 +88,7 @@ def walk_levels(has_record: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     for depth in range(DEPTH + 1):
         levels.append((record, key))
         half = NUM_KEYS >> (depth + 1)
+        # In pre-order the first child follows its parent, and each other child the subtree of the one before.
         following = record + 1
         children, child_keys = [], []
         for c in range(8):
@@ -103,6 +105,7 @@ def walk_levels(has_record: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
 
 def bounding_box(leaves: list[Leaves]) -> tuple[np.ndarray, np.ndarray]:
     """Lowest key and number of voxels, int64 (3,) each, of the box around all leaves (at least one)."""
+    # Keys are int32, but products of the lengths of a box are not.
     low = np.min([level.key.min(axis=0) for level in leaves], axis=0).astype(np.int64)
     high = np.max([level.key.max(axis=0) + (NUM_KEYS >> level.depth) for level in leaves], axis=0)
     return low, high.astype(np.int64) - low
@@ -128,6 +131,7 @@ def _paint_leaves(dense: np.ndarray, corner: np.ndarray, value: np.ndarray, widt
         value: (n,): what each leaf holds.
         width: Edge length of a leaf [voxel].
     """
+    # Wide leaves are few and long to fill; of narrow ones there are many, so that a loop over their voxels is shorter.
     if width > 4:
         for (i, j, k), state in zip(corner.tolist(), value.tolist(), strict=True):
             dense[i : i + width, j : j + width, k : k + width] = state
@@ -164,6 +168,7 @@ def prune(states: np.ndarray, value: np.ndarray | None, low: np.ndarray) -> list
         child = _pad_to_even(levels[-1])
         levels[-1] = child
         views = [child.code[i::2, j::2, k::2] for i, j, k in CHILD_OFFSETS]
+        # Eight equal inner nodes are no leaf: what lies below them differs.
         is_leaf = (views[0] == 1) | (views[0] == 2)
         is_known = views[0] != 0
         for view in views[1:]:
@@ -174,6 +179,7 @@ def prune(states: np.ndarray, value: np.ndarray | None, low: np.ndarray) -> list
             values = [child.value[i::2, j::2, k::2] for i, j, k in CHILD_OFFSETS]
             for other in values[1:]:
                 is_leaf &= other == values[0]
+            # As in OctoMap, an inner node has the highest log-odds below it, and unknown children have none.
             lowest = np.float32(-np.inf)
             value = np.max([np.where(c != 0, v, lowest) for c, v in zip(views, values, strict=True)], axis=0)
         code = np.where(is_leaf, views[0], np.where(is_known, np.uint8(INNER), np.uint8(0)))
@@ -209,6 +215,7 @@ def pre_order(key: np.ndarray, depth: np.ndarray) -> np.ndarray:
 
 
 def _pad_to_even(level: TreeLevel) -> TreeLevel:
+    # Voxels outside of the box are unknown, which is what padding with zeros says.
     before = level.low % 2
     after = (level.low + level.code.shape) % 2
     if not before.any() and not after.any():

@@ -67,6 +67,7 @@ def decode_ply(data: bytes) -> np.ndarray:
         raise InputError("the vertices hold lists, which cannot be read; write the cloud with numbers only")
     if len(properties) < len(vertex.properties):
         raise InputError("the vertices have two properties of the same name")
+    # After the last element nothing may follow; what follows after others may be lists of any length.
     is_last = len(elements) == len(before) + 1
     if form == "ascii":
         points = _read_ascii(data, start, before, vertex, is_last)
@@ -93,6 +94,7 @@ def encode_ply(grid: VoxelGrid) -> bytes:
 
 def _read_ascii(data: bytes, start: int, before: list[Element], vertex: Element, is_last: bool) -> np.ndarray:
     """Points (n, 3) of a file of text."""
+    # A line holds one row of whatever element, lists included, so elements before the vertices are skipped by counting.
     first, width = sum(element.count for element in before), len(vertex.properties)
     num_rows = sum(1 for _ in _rows(data, start)) - first
     if num_rows < vertex.count or (is_last and num_rows > vertex.count):
@@ -124,6 +126,7 @@ def _rows(data: bytes, start: int) -> Iterator[str]:
 def _read_binary(
     data: bytes, start: int, before: list[Element], vertex: Element, is_last: bool, byte_order: str
 ) -> np.ndarray:
+    # Elements stand one after the other, and only those of rows of one length can be skipped without reading them.
     for element in before:
         codes = [code for _, code in element.properties]
         if None in codes:
