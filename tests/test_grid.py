@@ -58,6 +58,11 @@ def test_cropping_keeps_every_known_voxel_in_its_place(margin):
     np.testing.assert_array_equal(cropped.log_odds, cropped.states)
 
 
+def test_a_margin_below_zero_is_refused():
+    with pytest.raises(InputError, match="margin must be a whole number of voxels, 0 or more, got -1"):
+        make_grid().crop_to_known(-1)
+
+
 @pytest.mark.parametrize("shape", [(4, 3, 2), (0, 3, 2), (1, 1, 1)])
 def test_a_map_of_nothing_crops_to_one_unknown_voxel(shape):
     cropped = VoxelGrid(np.zeros(shape, np.uint8), [1.0, 2.0, 3.0], 0.1).crop_to_known()
@@ -229,6 +234,8 @@ def test_the_memory_that_is_left_bounds_the_resolution(monkeypatch):
         VoxelGrid.from_points(points, voxel_size=0.01)
     with pytest.raises(InputError, match=r"new voxel size.* GB of memory"):
         make_grid(with_log_odds=True).with_voxel_size(0.01)
+    with pytest.raises(InputError, match="moved map needs about"):
+        VoxelGrid(np.ones((100, 100, 101), np.uint8), np.zeros(3), 0.1).transformed(np.eye(4))
 
 
 @pytest.mark.parametrize("far", [1e13, np.nan, np.inf])

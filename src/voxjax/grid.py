@@ -132,6 +132,7 @@ class VoxelGrid(eqx.Module):
 
     def world_from_index(self, index: Int[Array, "*n 3"] | Float[Array, "*n 3"]) -> np.ndarray:
         """Centres [m] of voxel indices; fractional indices are fine."""
+        # In float64 and rounded once: the origin may be large beside a voxel.
         offset = (np.asarray(index, np.float64) + 0.5) * self.voxel_size
         return (np.asarray(self.origin, np.float64) + offset).astype(np.float32)
 
@@ -152,7 +153,12 @@ class VoxelGrid(eqx.Module):
         """Cut to the box around the free and occupied voxels, and `margin` voxels where the grid has them.
 
         A grid with nothing known becomes one unknown voxel at the same origin.
+
+        Raises:
+            InputError: If `margin` is below 0.
         """
+        if margin < 0:
+            raise InputError(f"margin must be a whole number of voxels, 0 or more, got {margin!r}.")
         is_known = np.asarray(self.states) != UNKNOWN
         lows, highs = [], []
         for axis in range(3):
@@ -181,6 +187,7 @@ class VoxelGrid(eqx.Module):
         """
         voxel_size = check_voxel_size(voxel_size)
         cell = origin_in_voxels(np.asarray(self.origin), voxel_size)
+        # A grid between the cells of the lattice moves onto it even at its own voxel size.
         if voxel_size == self.voxel_size and (cell == np.rint(cell)).all():
             return self
         states, origin, log_odds = rescale_states(

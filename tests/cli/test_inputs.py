@@ -29,9 +29,10 @@ def test_names_of_no_file_are_refused(tmp_path, monkeypatch, name, reason):
         check_inputs([name])
 
 
-def test_settings_are_read(tmp_path):
+@pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"], ids=["plain", "as Windows marks UTF-8"])
+def test_settings_are_read(tmp_path, mark):
     path = tmp_path / "s.toml"
-    path.write_text("[source]\ndescriptors = false\n")
+    path.write_bytes(mark + b"[source]\ndescriptors = false\n")
     config = read_config(str(path))
     assert config.source.descriptors is False
     assert config.source.corners is True

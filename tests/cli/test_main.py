@@ -30,6 +30,8 @@ UNUSABLE = {
     "bad config": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--config", "bad.toml"], "bad.toml"),
     "unknown key": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--config", "key.toml"], "speed"),
     "endless config": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--config", "/dev/zero"], "is a device"),
+    "confidence": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--config", "sure.toml"], "min_confidence must be"),
+    "no leaders": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--config", "none.toml"], "num_leaders must be"),
     "no config": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--config", "no.toml"], "no.toml"),
     "bad guess": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--init-guess", "1 2 3"], "3 numbers"),
     "guess for three": (["merge", *["m0.npz"] * 3, "-o", "o.bt", "--init-guess", "1"], "two maps"),
@@ -65,6 +67,8 @@ def test_unusable_input_is_one_line_and_code_2(monkeypatch, maps, capsys, case):
     Path("text.txt").write_text("hello")
     Path("garbage.bt").write_bytes(b"\x00\x01 not a map")
     Path("bad.toml").write_text("= 3")
+    Path("sure.toml").write_text("[verdict]\nmin_confidence = nan")
+    Path("none.toml").write_text("[leader]\nnum_leaders = 0")
     Path("key.toml").write_text("speed = 3")
     write_map("cloud.ply", cube_map(0))
     write_map("empty.npz", VoxelGrid(np.ones((3, 3, 3), np.uint8), np.zeros(3, np.float32), 0.5))

@@ -10,6 +10,7 @@ from .streams import tell
 
 def run(args: argparse.Namespace) -> int:
     """Print what each map holds and return the exit code."""
+    # All maps are read before the first word: half an answer would look like a whole one.
     facts = [(path, map_facts(read_map(path, voxel_size=args.voxel_size))) for path in args.maps]
     if args.json:
         print(json.dumps([{"path": path, **entry} for path, entry in facts], indent=1, allow_nan=False))

@@ -35,7 +35,7 @@ def read_config(path: str) -> Config:
     """
     try:
         # Python's parser takes time with the square of a name's dots: 3 s for the worst file of this size.
-        text = read_bytes(path, most=1 << 15).decode("utf-8")
+        text = read_bytes(path, most=1 << 15).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path} is no TOML file: it is not UTF-8; save it as such.") from error
     except InputError as error:
@@ -52,4 +52,4 @@ def read_config(path: str) -> Config:
         ValueError,
         OverflowError,
     ) as error:  # what TOML forbids, or numbers of more digits than Python takes
-        raise InputError(f"{path} is no TOML file: {error}.") from error
+        raise InputError(f"{path} is no TOML file: {str(error).partition(';')[0]}.") from error

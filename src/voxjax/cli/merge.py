@@ -32,6 +32,7 @@ def run(args: argparse.Namespace) -> int:
     progress = Progress(quiet=args.quiet)
     progress("read")
     grids = [read_map(path, voxel_size=args.voxel_size) for path in args.maps]
+    # Said here, where the file can be named; the registration would only find no overlap.
     for path, grid in zip(args.maps, grids, strict=True):
         if grid.num_occupied == 0:
             raise InputError(f"{path} has no occupied voxel, so there is nothing to align; leave it out.")
@@ -46,6 +47,7 @@ def run(args: argparse.Namespace) -> int:
     )
     is_written = merged.status == "merged" or (merged.status == "partial" and args.allow_partial)
     progress("write")
+    # All contents exist before the first file does: a fault while drawing leaves nothing behind.
     write_files(_contents(args, grids, merged, progress, is_written=is_written), force=args.force)
     progress.finish()
     for line in summary(merged, args.maps):

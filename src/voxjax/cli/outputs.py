@@ -25,6 +25,7 @@ def check_outputs(outputs: Sequence[tuple[str | None, tuple[str, ...]]], *, forc
         if Path(name).suffix.lower() not in endings:
             raise InputError(f"{name}: the ending must be {' or '.join(endings)}.")
         check_writable(name, force=force)
+        # Two names may lead to one place, as a.bt and ./a.bt do.
         try:
             place = Path(name).resolve()
         except OSError as error:  # somebody has removed the working folder

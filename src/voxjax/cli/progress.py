@@ -24,7 +24,7 @@ class Progress:
         """A stage begins, and with it the one before ends."""
         self.finish()
         self._stage, self._start = stage, time.perf_counter()
-        if self._is_terminal:
+        if self._is_terminal:  # "\r\033[K" goes back to the beginning of the line and clears it
             self._write(f"\r\033[K  {stage} ...")
 
     def finish(self) -> None:

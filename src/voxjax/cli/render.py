@@ -21,6 +21,7 @@ def run(args: argparse.Namespace) -> int:
     names = [Path(path).name for path in args.maps]
     picture = encode_png(draw_maps(grids, names=names, cut_ceiling=not args.keep_ceiling))
     write_files({args.output: picture}, force=args.force)
+    # A PNG begins with a header of fixed length that holds its width and height.
     height, width = int.from_bytes(picture[20:24], "big"), int.from_bytes(picture[16:20], "big")
     tell(f"{args.output}: {width} x {height} pixels")
     return 0

@@ -67,10 +67,10 @@ def fuse(
     if voxel_size is None:
         voxel_size = min(grid.voxel_size for grid in grids)
     voxel_size = check_voxel_size(voxel_size)
-    grids = [grid.with_voxel_size(voxel_size) if grid.voxel_size < voxel_size else grid for grid in grids]
+    grids = [_coarsened(grid, voxel_size) for grid in grids]
     bounds = _bounds(grids, matrices, voxel_size)
     found = _common_box(bounds)
-    if found is None:
+    if found is None:  # nothing is known in any map, so there is no box to fuse
         return VoxelGrid(np.zeros((1, 1, 1), np.uint8), np.zeros(3, np.float32), voxel_size)
     low, shape = found
     need = fuse_memory(
@@ -214,6 +214,7 @@ def _fuse_chunks(
     num_voxels = int(np.prod(shape))
     fused = np.zeros(num_voxels, np.uint8)
     fused_odds = np.zeros(num_voxels, np.float32) if rule == "log_odds" else None
+    # Chunks of one size, whose kernel all maps share; a plane of the grid is a run of flat indices.
     size, slab = chunk_size(num_voxels), int(shape[1] * shape[2])
     target_shape = shape.astype(np.int32)
     for start in range(0, num_voxels, size):

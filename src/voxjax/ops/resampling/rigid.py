@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32, Shaped, UInt8
 
 from ..._runtime.buckets import bucket_size
+from ..._runtime.memory import check_memory
 from ..._types import Array
 from .interpolate import TIE, is_within
 from .lattice import check_num_voxels, moved_bounds, origin_in_voxels, origin_of_cell
@@ -120,11 +121,15 @@ def resample_rigid(
         no rotation of the cube.
 
     Raises:
-        InputError: If the result would have more than 2**31 - 1 voxels.
+        InputError: If the result would have more than 2**31 - 1 voxels, or needs more memory than there is.
     """
     low, high = moved_bounds(states, origin, voxel_size, T, voxel_size)
     shape = np.maximum(high - low, 1)
-    check_num_voxels(shape, "the moved map", "crop it to its known part or coarsen it first")
+    advice = "crop it to its known part or coarsen it first"
+    check_num_voxels(shape, "the moved map", advice)
+    # States and log-odds of the result, and both of the source padded by up to a half on the device.
+    per_voxel = 1.0 if log_odds is None else 5.0
+    check_memory(per_voxel * (float(np.prod(shape)) + 1.5 * states.size), "the moved map", advice)
     affine = source_from_target(T, origin, voxel_size, low, voxel_size)
     num_voxels = int(np.prod(shape))
     moved = np.zeros(num_voxels, np.uint8)
