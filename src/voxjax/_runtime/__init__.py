@@ -1,5 +1,5 @@
 """What every stage runs on: kept programs, compiled kernels, memory, threads and the lengths of padded arrays.
 
 This package is for those who write a stage or a kernel; users meet `voxjax.use_compilation_cache` alone. Start at
-`tables` (how long an array is padded, and the one question whether arrays lie in the memory of the host).
+`placement` (the one question whether the host's form of an operation runs), then `tables` (how long arrays are padded).
 """
