@@ -95,6 +95,16 @@ def test_what_is_public_is_documented_and_annotated(module):
             assert not bare, f"{module}.{node.name}: no annotation of {bare}"
 
 
+@pytest.mark.parametrize("face", sorted(SOURCE.rglob("__init__.py")), ids=lambda path: path.parent.name)
+def test_what_the_face_of_a_package_names_exists(face):
+    package = ".".join(face.parent.relative_to(SOURCE.parent).parts)
+    text = ast.get_docstring(ast.parse(face.read_text(encoding="utf-8")))
+    assert text, face
+    for name in re.findall(r"`([a-zA-Z_][\w.]*)`", text):
+        places = [name, f"{package}.{name}", f"{package.rpartition('.')[0]}.{name}", f"voxjax.{name}"]
+        assert any(pydoc.locate(place) is not None for place in places), name
+
+
 def test_files_are_short():
     for path in [*SOURCE.rglob("*.py"), *(ROOT / "tests").rglob("*.py"), *(ROOT / "bench").rglob("*.py")]:
         assert len(path.read_text(encoding="utf-8").splitlines()) <= 400, path
