@@ -100,6 +100,17 @@ def read(path: Path) -> list[dict]:
     return json.loads(path.read_text())["rows"] if path.exists() else []
 
 
+def read_all(folder: Path) -> list[list[dict]]:
+    """Results of all kinds of devices, one list for each file of a folder and of the folder "gpu" in it.
+
+    `bench/on_gpu.sh` fills the latter, with files of other benchmarks too: they are left out.
+    """
+    paths = [*sorted(folder.glob("*.json")), *sorted((folder / "gpu").glob("*.json"))]
+    contents = [json.loads(path.read_text()) for path in paths]
+    rows = [content.get("rows") for content in contents if isinstance(content, dict)]
+    return [found for found in rows if found and "ns_per_item" in found[0]]
+
+
 def write(path: Path, results: Iterable[dict]) -> None:
     """Write results, those of other rows or allocators that are in the file kept."""
     rows = {_key(r): r for r in read(path)} | {_key(r): rounded(r) for r in results}

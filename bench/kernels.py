@@ -164,8 +164,7 @@ def _gate(results: list[dict], path: Path) -> int:
 def tables(folder: Path) -> str:
     """Markdown tables of all files of results, and what is still missing."""
     parts, has_gpu = [], False
-    for path in sorted(folder.glob("*.json")):
-        rows = kernel_results.read(path)
+    for rows in kernel_results.read_all(folder):
         setting = rows[0]["setting"]
         has_gpu |= setting["allocator"] == "device"
         versions = ", ".join(f"{name} {setting[name]}" for name in ("jax", "numpy", "scipy"))

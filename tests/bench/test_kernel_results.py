@@ -57,3 +57,12 @@ def test_the_gate_names_ratios_that_fell_and_only_those():
     assert "6.90" in line
     assert "10.00" in line
     assert kernel_results.falls([judged(row, theirs=1e-3)], []) == []
+
+
+def test_results_of_a_gpu_are_found_and_those_of_other_benchmarks_left_out(tmp_path):
+    kernel_results.write(tmp_path / "cpu.json", [judged(made_row())])
+    kernel_results.write(tmp_path / "gpu" / "gpu.json", [judged(made_row(name="other"))])
+    (tmp_path / "gpu" / "registration.json").write_text('{"rows": [{"case": "one"}]}')
+    (tmp_path / "gpu" / "versions.json").write_text('{"jax": "1"}')
+    names = [[row["name"] for row in rows] for rows in kernel_results.read_all(tmp_path)]
+    assert names == [["kernel, 4^3"], ["other"]]
