@@ -2,6 +2,7 @@
 
 import resource
 import warnings
+from collections import Counter
 from pathlib import Path
 
 import fuzz_server
@@ -119,3 +120,17 @@ def test_processes_that_die_or_take_too_much_are_failures_and_begin_anew(monkeyp
         b"slow",
     ]
     assert capsys.readouterr().out.count("\n") == 4
+
+
+def test_the_command_gives_one_line_for_each_reader_and_fails_with_any(monkeypatch, capsys):
+    results = {
+        "bt": fuzz.Result(Counter(read=2, refused=1000), 0.25, 300.0),
+        "ply": fuzz.Result(Counter({"read": 1, "IndexError": 2}), 0.5, 200.0),
+    }
+    monkeypatch.setattr(fuzz, "fuzz", lambda reader, **options: results[reader])
+    assert fuzz.main(["--reader", "bt"]) == 0
+    assert capsys.readouterr().out.split(":")[1] == (
+        " 2 read, 1,000 refused, 0 failures of 0 kinds; slowest 0.25 s, most 300 MB\n"
+    )
+    assert fuzz.main(["--reader", "ply", "--reader", "bt"]) == 1
+    assert "2 failures of 1 kinds" in capsys.readouterr().out
