@@ -7,9 +7,11 @@ import pytest
 from voxjax import InputError
 from voxjax._checks import (
     check_choice,
+    check_count,
     check_odd_window,
     check_pose,
     check_positive,
+    check_three_axes,
     check_voxel_size,
     shown,
 )
@@ -61,6 +63,19 @@ def test_windows_are_odd(size):
     with pytest.raises(InputError, match="odd whole number"):
         check_odd_window("size", size)
     assert check_odd_window("size", np.int32(7)) == 7
+
+
+@pytest.mark.parametrize("value", [True, -1, 1.5, np.nan, np.inf, "3", None])
+def test_counts_are_whole_numbers(value):
+    with pytest.raises(InputError, match="max_virtual must be a whole number, 0 or more, got"):
+        check_count("max_virtual", value)
+    assert check_count("max_virtual", np.int64(3)) == 3
+
+
+def test_grids_have_three_axes_on_host_and_device():
+    for occupied in (np.ones((3, 3), bool), jnp.ones((3, 3), bool)):
+        with pytest.raises(InputError, match="occupied must have three axes"):
+            check_three_axes("occupied", occupied.shape)
 
 
 @pytest.mark.parametrize("value", ["best", "", None, 3, np.zeros(2), ["keep"], "x" * 10_000])

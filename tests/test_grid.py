@@ -59,7 +59,7 @@ def test_cropping_keeps_every_known_voxel_in_its_place(margin):
 
 
 def test_a_margin_below_zero_is_refused():
-    with pytest.raises(InputError, match="margin must be a whole number of voxels, 0 or more, got -1"):
+    with pytest.raises(InputError, match="margin must be a whole number, 0 or more, got -1"):
         make_grid().crop_to_known(-1)
 
 

@@ -25,12 +25,16 @@ def check_positive(name: str, value: object, unit: str = "") -> float:
     """Return `value` as a float if it is finite and above zero.
 
     Raises:
-        InputError: If it is not.
+        InputError: If it is not, or a length whose cube float32 cannot hold.
     """
     number = _number(value)
     if not (math.isfinite(number) and number > 0.0):
         raise InputError(
             f"{name} must be a finite number above 0{unit and f' [{unit}]'}, got {shown(value)}."
+        )
+    if unit == "m" and not 1 / LARGEST_LENGTH <= number <= LARGEST_LENGTH:
+        raise InputError(
+            f"{name} must lie between {1 / LARGEST_LENGTH:g} and {LARGEST_LENGTH:g} m, got {shown(value)}."
         )
     return number
 
@@ -39,14 +43,31 @@ def check_voxel_size(value: object, name: str = "voxel_size") -> float:
     """Return the edge length of a voxel [m] as a float.
 
     Raises:
-        InputError: If it is no finite number above zero, or one whose cube float32 cannot hold.
+        InputError: As in `check_positive`.
     """
-    size = check_positive(name, value, "m")
-    if not 1 / LARGEST_LENGTH <= size <= LARGEST_LENGTH:
-        raise InputError(
-            f"{name} must lie between {1 / LARGEST_LENGTH:g} and {LARGEST_LENGTH:g} m, got {shown(value)}."
-        )
-    return size
+    return check_positive(name, value, "m")
+
+
+def check_count(name: str, value: object, least: int = 0) -> int:
+    """Return `value` if it is a whole number, `least` or more.
+
+    Raises:
+        InputError: If it is not.
+    """
+    number = _number(value)
+    if isinstance(value, bool) or not (math.isfinite(number) and number >= least and number % 1 == 0):
+        raise InputError(f"{name} must be a whole number, {least} or more, got {shown(value)}.")
+    return int(number)
+
+
+def check_three_axes(name: str, shape: tuple[int, ...]) -> None:
+    """Raise if an array is no grid.
+
+    Raises:
+        InputError: If its shape has not three axes.
+    """
+    if len(shape) != 3:
+        raise InputError(f"{name} must have three axes (x, y, z), got shape {tuple(shape)}.")
 
 
 def check_odd_window(name: str, size: object) -> int:

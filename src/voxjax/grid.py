@@ -12,7 +12,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
-from ._checks import InputError, check_pose, check_voxel_size, shown
+from ._checks import InputError, check_count, check_pose, check_three_axes, check_voxel_size, shown
 from ._grid_arrays import as_float32, as_states, check_log_odds, check_origin, check_states
 from ._types import FREE, OCCUPIED, UNKNOWN, Array
 from .ops.resampling.lattice import origin_in_voxels
@@ -48,8 +48,7 @@ class VoxelGrid(eqx.Module):
         self.origin = as_float32("origin", origin)
         self.log_odds = None if log_odds is None else as_float32("log_odds", log_odds)
         self.voxel_size = check_voxel_size(voxel_size)
-        if self.states.ndim != 3:
-            raise InputError(f"states must have three axes (x, y, z), got shape {self.states.shape}.")
+        check_three_axes("states", self.states.shape)
         if self.origin.shape != (3,):
             raise InputError(f"origin must have shape (3,), got {self.origin.shape}.")
         if self.log_odds is not None and self.log_odds.shape != self.states.shape:
@@ -155,10 +154,9 @@ class VoxelGrid(eqx.Module):
         A grid with nothing known becomes one unknown voxel at the same origin.
 
         Raises:
-            InputError: If `margin` is below 0.
+            InputError: If `margin` is no whole number, 0 or more.
         """
-        if margin < 0:
-            raise InputError(f"margin must be a whole number of voxels, 0 or more, got {margin!r}.")
+        margin = check_count("margin", margin)
         is_known = np.asarray(self.states) != UNKNOWN
         lows, highs = [], []
         for axis in range(3):

@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from .._checks import check_choice, check_positive
+from .._checks import check_choice, check_count, check_positive
 from .._runtime.buckets import bucket_size, pad_rows
 from ..grid import VoxelGrid, check_resolution
 from ..planes.extract import PlaneMap, extract_planes
@@ -45,6 +45,7 @@ def detect_corners(
     """
     check_choice("preset", preset, ("default", "paper"))
     check_positive("virtual_reach", virtual_reach, "m")
+    check_count("max_virtual", max_virtual)
     check_resolution(grid)
     if preset == "paper":
         return _padded(paper_corners(grid).corners)

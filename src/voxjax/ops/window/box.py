@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, UInt8, UInt16
 
-from ..._checks import InputError, check_choice, check_odd_window
+from ..._checks import InputError, check_choice, check_odd_window, check_three_axes
 from ..._types import Array
 from . import box_sums
 
@@ -47,9 +47,10 @@ def box_count(
         "summed_area" 9, with "pallas" none.
 
     Raises:
-        InputError: If `size` is even, below 1 or above 15, or the implementation is unknown.
+        InputError: If `occupied` is no grid, `size` even, below 1 or above 15, or the implementation unknown.
         NotImplementedError: If "pallas" is asked for where it cannot run.
     """
+    check_three_axes("occupied", occupied.shape)
     size = check_size(size)
     if implementation is not None:
         check_choice("implementation", implementation, IMPLEMENTATIONS)

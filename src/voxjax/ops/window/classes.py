@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import UInt8
 
-from ..._checks import check_choice
+from ..._checks import check_choice, check_three_axes
 from ..._types import Array
 from .box import MAX_SIZE as MAX_SIZE
 from .box import Occupied as Occupied
@@ -111,9 +111,10 @@ def window_classes(
         the counts while it runs, in temporary memory of about 3.3 bytes a voxel; they are no result.
 
     Raises:
-        InputError: If `size` is even, below 1 or above 15, or the implementation is unknown.
+        InputError: If `occupied` is no grid, `size` even, below 1 or above 15, or the implementation unknown.
         NotImplementedError: If "pallas" is asked for where it cannot run.
     """
+    check_three_axes("occupied", occupied.shape)
     size = check_size(size)
     if implementation is not None:
         check_choice("implementation", implementation, ("passes", "pallas"))
