@@ -5,16 +5,18 @@ import sys
 from collections import namedtuple
 
 import jax
+import numpy as np
 import pytest
 
 from voxjax._runtime.result_trees import plain_structure, structure_of
 from voxjax.refinement.residuals.terms import Level
 
+LEVEL = Level(np.ones(()), np.zeros((), np.int32))
 Foreign = namedtuple("Foreign", "value")
 
 
 @pytest.mark.parametrize(
-    "tree", [1, (1, None, [2, 3]), {"b": (1,), "a": []}, Level(1, {"x": (2, 3)}), [Level(1, 2), None]]
+    "tree", [1, (1, None, [2, 3]), {"b": (1,), "a": []}, LEVEL, [LEVEL, {"x": (LEVEL, 3)}, None]]
 )
 def test_what_is_written_comes_back(tree):
     structure = jax.tree.structure(tree)

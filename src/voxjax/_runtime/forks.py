@@ -25,7 +25,7 @@ def refuse_after_fork() -> None:
 
 
 def _after_fork() -> None:
-    """In the child: a parent that had run no kernel leaves nothing to wait for, and a child that only execs forgets."""
+    """Note a fork in the child; nothing is raised here, because a child may only start another program."""
     global _is_stranded
     _is_stranded = _is_stranded or _has_run
 

@@ -8,23 +8,17 @@ from pathlib import Path
 
 import jax
 
-MAX_SHARE = 0.6
-"""Share of the granted mappings from which on compiled kernels are let go."""
-
-_OWN = Path("/proc/self/maps")
-_GRANTED = Path("/proc/sys/vm/max_map_count")
-
 
 def mappings_in_use() -> tuple[int, int] | None:
     """Memory mappings of this process and how many it may have; None where the system does not say."""
     try:
-        with _OWN.open("rb") as lines:
-            return sum(1 for _ in lines), int(_GRANTED.read_text())
+        with Path("/proc/self/maps").open("rb") as lines:
+            return sum(1 for _ in lines), int(Path("/proc/sys/vm/max_map_count").read_text())
     except (OSError, ValueError):
         return None
 
 
-def release_kernels_if_crowded(*, max_share: float = MAX_SHARE) -> bool:
+def release_kernels_if_crowded(*, max_share: float = 0.6) -> bool:
     """Drop all compiled kernels of the process when its mappings run out; what is needed again is compiled again.
 
     Returns:

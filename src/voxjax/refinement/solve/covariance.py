@@ -30,10 +30,10 @@ def pose_covariance(
 ) -> tuple[Float[Array, "6 6"], Bool[Array, ""]]:
     """Covariance of the tangent about the centroid of b in frame a, and whether a direction is not fixed.
 
-    That of Gauss-Newton, with the noise that the offsets from the planes show.
+    The covariance is that of Gauss-Newton, with the noise that the offsets from the planes show.
 
     Args:
-        problem: With at least one term of planes.
+        problem: Residuals with at least one term of planes.
         T_a_b: Refined pose.
         scale: Robust scale [m].
         num_patches: Independent observations if all of b met a plane.

@@ -14,9 +14,6 @@ from ..._types import Array
 from ..residuals.losses import robust_slope
 from ..residuals.terms import Level, PointTerm, Term, dot, robust_rows
 
-LEAST_DAMPING = 1e-7
-"""Keeps the system solvable in directions that no residual sees."""
-
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
 
@@ -25,7 +22,7 @@ class NormalEquations(NamedTuple):
 
     Attributes:
         cost: Half the sum of squares.
-        slope: Its gradient.
+        slope: Gradient of the cost.
         matrix: The Gauss-Newton approximation of its Hessian.
     """
 
@@ -36,21 +33,20 @@ class NormalEquations(NamedTuple):
     def step(self, damping: Float[Array, ""]) -> Float[Array, "k"]:
         """The damped step; 0 along what no residual sees."""
         diagonal = jnp.diagonal(self.matrix)
-        floor = (
-            jnp.asarray(LEAST_DAMPING, diagonal.dtype) * jnp.max(diagonal) + jnp.finfo(diagonal.dtype).tiny
-        )
+        # The floor keeps the system solvable in directions that no residual sees.
+        floor = jnp.asarray(1e-7, diagonal.dtype) * jnp.max(diagonal) + jnp.finfo(diagonal.dtype).tiny
         damped = jnp.asarray(self.matrix) + jnp.diag(damping * diagonal + floor)
         operator = lx.MatrixLinearOperator(damped, lx.positive_semidefinite_tag)
         return -lx.linear_solve(operator, self.slope, lx.Cholesky(), throw=False).value
 
     def along(self, slopes: Float[Array, "k m"]) -> "NormalEquations":
-        """The same in other unknowns, with which these change by `slopes`."""
+        """The equations in other unknowns, with which these change by `slopes`."""
         return NormalEquations(
             self.cost, slopes.T @ self.slope, jnp.asarray(slopes.T @ (self.matrix @ slopes))
         )
 
     def fall(self, move: Float[Array, "k"]) -> Float[Array, ""]:
-        """By how much the cost should fall with a step."""
+        """The fall of the cost that the equations promise for a step."""
         return -(self.slope @ move) - 0.5 * (move @ (self.matrix @ move))
 
 
@@ -92,7 +88,7 @@ def move_about(
 
     Args:
         T: `T_a_b`.
-        centroid: Of map b, in frame b [m].
+        centroid: Centroid of map b, in frame b [m].
         tangent: Translation [m] and rotation [rad] in frame a.
     """
     rotation = rigid.exp_so3(tangent[3:]) @ T[:3, :3]

@@ -11,7 +11,7 @@ from ..._types import Array
 from .equations import move_about, tangent_slopes
 from .implicit import by_conjugate_gradients, by_pseudo_inverse
 from .joint_problem import JointProblem
-from .levels import COARSE_STRIDE, MAX_LEVEL_STEPS, RANK_TOLERANCE, lead, no_worse, settle
+from .levels import MAX_LEVEL_STEPS, lead, no_worse, precision_of, settle
 
 DIRECT_MAPS = 8
 """Up to so many maps the matrix of the implicit function theorem is made whole and decomposed, which takes a pass over
@@ -23,8 +23,8 @@ class RefinedPoses(NamedTuple):
 
     Attributes:
         poses: `T_world_map`, together never worse than the start at the last level.
-        cost_before: Of the start, at the last level.
-        cost_after: Of `poses`.
+        cost_before: Cost of the start, at the last level.
+        cost_after: Cost of `poses`.
         num_steps: Evaluations, all levels together.
         converged: Whether the last level did.
     """
@@ -77,7 +77,7 @@ def solve_joint(
     cannot be solved, the derivative is NaN.
 
     Args:
-        problem: With at least one pair; its dtype, float32 or float64, is that of the result.
+        problem: Residuals of at least one pair; their dtype, float32 or float64, is that of the result.
         poses: Start: `T_world_map` of each map.
         scales: Robust scale of each level, falling [m].
         max_level_steps: Evaluations on each level.
@@ -89,14 +89,14 @@ def solve_joint(
     start = jnp.asarray(poses)
     found, steps = start, jnp.zeros((), jnp.int32)
     if scales.shape[0] > 1:
-        thinned, charts = problem.thinned(COARSE_STRIDE), _charts_about(start, problem, scales[-2])
-        found, steps, _ = lead(thinned, charts, scales, max_level_steps=max_level_steps)
+        charts = _charts_about(start, problem, scales[-2])
+        found, steps, _ = lead(problem, charts, scales, max_level_steps=max_level_steps)
     solver = by_pseudo_inverse if start.shape[0] <= DIRECT_MAPS else by_conjugate_gradients
     refined, more, is_converged = settle(
         problem,
         _charts_about(found, problem, scales[-1]),
         scales,
         max_level_steps=max_level_steps,
-        solve=solver(RANK_TOLERANCE[start.dtype]),
+        solve=solver(precision_of(start.dtype).rank),
     )
     return RefinedPoses(*no_worse(problem, start, refined, scales), steps + more, is_converged)

@@ -22,15 +22,15 @@ def joint_covariance(
 ) -> Float[Array, "maps 6 6"]:
     """Covariance of each map's tangent about its centroid in the world; 0 for maps that were held.
 
-    That of Gauss-Newton with the noise that the offsets from the planes show, as `pose_covariance` of a pair. Pairs
-    count as if their errors were independent, though those of a map are in all of its pairs.
+    The covariance is that of Gauss-Newton with the noise that the offsets from the planes show, as `pose_covariance` of
+    a pair. Pairs count as if their errors were independent, though those of a map are in all of its pairs.
 
     Args:
-        problem: With terms of planes in each pair.
+        problem: Residuals with terms of planes in each pair.
         poses: Refined poses.
         scale: Robust scale [m].
         num_points: Occupied voxels of each map.
-        voxel_size: Of the maps [m].
+        voxel_size: Voxel size of the maps [m].
     """
     dtype, num_maps = poses.dtype, poses.shape[0]
 

@@ -14,12 +14,6 @@ from .equations import NormalEquations
 DENSE_MAPS = 32
 """Up to so many maps a dense factorisation is quicker than conjugate gradients, whose work grows with the pairs."""
 
-CG_TOLERANCE = 1e-5
-"""Share of the slope that conjugate gradients may leave: what they leave, the next step of the solver takes."""
-
-CG_STEPS = 200
-"""Steps of conjugate gradients at most; each brings information one pair farther."""
-
 _multiply = jax.vmap(jnp.matmul)
 
 
@@ -28,7 +22,7 @@ class JointEquations(NamedTuple):
 
     Attributes:
         cost: Half the sum of squares.
-        slope: Its gradient.
+        slope: Gradient of the cost.
         own: Diagonal blocks of the Gauss-Newton matrix.
         cross: Blocks of the pairs: row of unknowns `first`, column `second`. The matrix has their transposes too.
         first: First map of each pair.
@@ -43,7 +37,7 @@ class JointEquations(NamedTuple):
     second: Int32[Array, "pairs"]
 
     def along(self, slopes: Float[Array, "maps 6 6"]) -> "JointEquations":
-        """The same in other unknowns, with which those of a map change by its `slopes`."""
+        """The equations in other unknowns, with which those of a map change by its `slopes`."""
         across = jnp.swapaxes(slopes, -1, -2)
         return self._replace(
             slope=_multiply(across, self.slope),
@@ -67,7 +61,10 @@ class JointEquations(NamedTuple):
         return jnp.swapaxes(blocks, 1, 2).reshape(6 * num_maps, 6 * num_maps)
 
     def damped(self, damping: Float[Array, ""]) -> "JointEquations":
-        """With a share of the diagonal added to it; positive definite also where no residual sees a direction."""
+        """The equations with a share of the diagonal added to the matrix.
+
+        They are positive definite also where no residual sees a direction.
+        """
         diagonal = jnp.diagonal(self.own, axis1=-2, axis2=-1)
         info = jnp.finfo(diagonal.dtype)
         # What rounding may take off an eigenvalue grows with the number of unknowns.
@@ -80,7 +77,7 @@ class JointEquations(NamedTuple):
         return dense_step(damped) if self.slope.shape[0] <= DENSE_MAPS else sparse_step(damped)
 
     def fall(self, move: Float[Array, "maps 6"]) -> Float[Array, ""]:
-        """By how much the cost should fall with a step."""
+        """The fall of the cost that the equations promise for a step."""
         return -jnp.vdot(move, self.slope) - 0.5 * jnp.vdot(move, self.times(move))
 
 
@@ -91,8 +88,16 @@ def dense_step(equations: JointEquations) -> Float[Array, "maps 6"]:
     return solution.value.reshape(equations.slope.shape)
 
 
-def sparse_step(equations: JointEquations) -> Float[Array, "maps 6"]:
-    """The same by conjugate gradients, preconditioned with the inverses of the maps' blocks."""
+def sparse_step(
+    equations: JointEquations, *, tolerance: float = 1e-5, max_steps: int = 200
+) -> Float[Array, "maps 6"]:
+    """The step that `dense_step` gives, by conjugate gradients, preconditioned with the inverses of the maps' blocks.
+
+    Args:
+        equations: Positive definite.
+        tolerance: Share of the slope that may be left: the next step of the solver takes it.
+        max_steps: Steps of conjugate gradients; each brings information one pair farther.
+    """
     slope = equations.slope
     struct = jax.eval_shape(lambda: slope)
     factors = jnp.linalg.cholesky(equations.own)
@@ -100,7 +105,7 @@ def sparse_step(equations: JointEquations) -> Float[Array, "maps 6"]:
     def precondition(rest: Array) -> Array:
         return jax.vmap(lambda factor, part: jax.scipy.linalg.cho_solve((factor, True), part))(factors, rest)
 
-    solver = lx.CG(rtol=CG_TOLERANCE, atol=float(jnp.finfo(slope.dtype).tiny), max_steps=CG_STEPS)
+    solver = lx.CG(rtol=tolerance, atol=float(jnp.finfo(slope.dtype).tiny), max_steps=max_steps)
     operator, inverse = (
         lx.FunctionLinearOperator(function, struct, tags=lx.positive_semidefinite_tag)
         for function in (equations.times, precondition)
@@ -142,9 +147,9 @@ class PairEquations(NamedTuple):
     """A pair's problem to second order, and what it has to do with the poses of its maps.
 
     Attributes:
-        equations: In the tangent of `T_a_b`.
-        slopes_a: How that changes with the tangent of `T_world_a`, see `relative_slopes`.
-        slopes_b: The same of `T_world_b`.
+        equations: Normal equations in the tangent of `T_a_b`.
+        slopes_a: Change of that tangent with the tangent of `T_world_a`, see `relative_slopes`.
+        slopes_b: Change of that tangent with the tangent of `T_world_b`.
     """
 
     equations: NormalEquations

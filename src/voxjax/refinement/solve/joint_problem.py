@@ -89,7 +89,7 @@ class JointProblem(eqx.Module):
 
     Attributes:
         edges: The pairs.
-        centroids: Of the maps, in their own frames [m]: the points about which they are moved.
+        centroids: Centroids of the maps, in their own frames [m]: the points about which they are moved.
         radii: Lengths that make radians comparable to metres: about those of the maps [m].
         is_fixed: Maps that keep their pose: at least one of each set of maps that pairs connect.
     """

@@ -1,4 +1,4 @@
-"""From a start to a solution, of one pose or of many: coarse to fine, then with matches held, then differentiable."""
+"""From a start to a solution, of one pose or of many: coarse to fine, then with matches held, then differentiated."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -18,29 +18,28 @@ from .solver import AnnealedLevenbergMarquardt, Stage
 MAX_LEVEL_STEPS = 12
 """Evaluations of the residuals on each level, with matches looked up anew."""
 
-MAX_LAST_STEPS = 24
-"""Evaluations with matches that are held."""
+_COARSE_STEP = 0.03
+"""A stage whose costs jump ends with a step below this [robust scale]: the next one moves the pose anyway."""
 
-COARSE_STEP = 0.03
-"""A level before the last one ends with a step below this [robust scale]: the next level moves the pose anyway."""
 
-FINE_STEP = 2e-3
-"""Matches are held once a step is below this [robust scale]."""
+class Precision(NamedTuple):
+    """How exact a solution can be in a floating dtype.
 
-COARSE_STRIDE = 8
-"""Levels before the last one use one point in so many: they only lead to the basin."""
+    Attributes:
+        step: The last step is below this [robust scale].
+        cost: Share of a sum of squares that rounding hides.
+        rank: Directions whose curvature is below this share of the largest are not fixed, and have no derivative.
+    """
 
-ATOL = {np.dtype(np.float32): 1e-4, np.dtype(np.float64): 1e-9}
-"""The last step is below this [robust scale], by dtype."""
+    step: float
+    cost: float
+    rank: float
 
-RTOL = {np.dtype(np.float32): 1e-6, np.dtype(np.float64): 1e-15}
-"""Sums of squares are no more exact than this, by dtype."""
 
-RANK_TOLERANCE = {np.dtype(np.float32): 1e-5, np.dtype(np.float64): 1e-10}
-"""Directions whose curvature is below this share of the largest are not fixed, and have no derivative."""
-
-SAME_POSE = 0.02
-"""Poses whose entries differ by less than this [last robust scale in metres] are one."""
+def precision_of(dtype: np.typing.DTypeLike) -> Precision:
+    """The precision of float32 or float64."""
+    single, double = Precision(1e-4, 1e-6, 1e-5), Precision(1e-9, 1e-15, 1e-10)
+    return {np.dtype(np.float32): single, np.dtype(np.float64): double}[np.dtype(dtype)]
 
 
 @runtime_checkable
@@ -63,6 +62,10 @@ class Problem(Protocol):
         """The problem with that held."""
         ...
 
+    def thinned(self, stride: int, /) -> "Problem":
+        """The problem with every `stride`-th point."""
+        ...
+
     def equations(self, poses: Array, level: Level, /) -> Any:
         """Normal equations of the tangents."""
         ...
@@ -78,7 +81,7 @@ class Chart(Protocol):
 
     @property
     def units(self) -> Array:
-        """Of the unknowns [m, rad]."""
+        """Size of one unit of each unknown [m, rad]."""
         ...
 
     def poses(self, unknowns: Array, /) -> Array:
@@ -125,11 +128,21 @@ def lead(
     *,
     levels: tuple[int, int] | None = None,
     max_level_steps: int,
+    stride: int = 8,
 ) -> Descent:
-    """Down the levels before the last one, or from one of them to before another; without a derivative."""
+    """Go down the levels before the last one, or from one of them to before another; without a derivative.
+
+    Args:
+        problem: Residuals.
+        chart: Chart of the poses, about where they are now.
+        scales: Robust scale of each level [m].
+        levels: The first level to take and the one to stop before; None for all but the last.
+        max_level_steps: Evaluations on each level.
+        stride: One point in so many is used, because these levels only lead to the basin.
+    """
     first, stop = levels or (0, scales.shape[0] - 1)
-    stages = [Stage(k, COARSE_STEP, max_level_steps) for k in range(first, stop)]
-    args = jax.lax.stop_gradient(_Args(problem, chart, scales))
+    stages = [Stage(k, _COARSE_STEP, max_level_steps) for k in range(first, stop)]
+    args = jax.lax.stop_gradient(_Args(problem.thinned(stride), chart, scales))
     return _descend(args, tuple(stages)).at(args.chart)
 
 
@@ -140,20 +153,26 @@ def settle(
     *,
     max_level_steps: int,
     solve: Callable[[Matrix, Array], Array],
+    max_held_steps: int = 24,
+    held_from: float = 2e-3,
 ) -> Descent:
-    """Down the last level, then with what the points meet there held: smooth, so that the solution can be exact.
+    """Go down the last level, then on with what the points meet there held.
+
+    Held matches leave a smooth cost, so that the solution can be exact and be differentiated.
 
     Args:
-        problem: In whose floating arrays the solution is differentiable.
-        chart: Of the poses, about where they are now.
+        problem: Residuals, in whose floating arrays the solution is differentiable.
+        chart: Chart of the poses, about where they are now.
         scales: Robust scale of each level, of which the last one is used [m].
         max_level_steps: Evaluations with matches looked up anew.
         solve: Solver for the linear system of the implicit function theorem, see `implicit_solution`.
+        max_held_steps: Evaluations with matches held.
+        held_from: Matches are held once a step is below this [robust scale].
     """
     last, dtype = scales.shape[0] - 1, chart.units.dtype
     stages = (
-        Stage(last, FINE_STEP, max_level_steps, rough=COARSE_STEP),
-        Stage(last, ATOL[dtype], MAX_LAST_STEPS, is_held=True),
+        Stage(last, held_from, max_level_steps, rough=_COARSE_STEP),
+        Stage(last, precision_of(dtype).step, max_held_steps, is_held=True),
     )
     args = _Args(problem, jax.lax.stop_gradient(chart), scales)
     end = _descend(jax.lax.stop_gradient(args), stages)
@@ -162,16 +181,29 @@ def settle(
 
 
 def no_worse(
-    problem: Problem, start: Float[Array, "*maps 4 4"], found: Float[Array, "*maps 4 4"], scales: Array
+    problem: Problem,
+    start: Float[Array, "*maps 4 4"],
+    found: Float[Array, "*maps 4 4"],
+    scales: Array,
+    *,
+    same_pose: float = 0.02,
 ) -> tuple[Float[Array, "*maps 4 4"], Float[Array, ""], Float[Array, ""]]:
     """What was found, or the start where that costs as little at the last level; the costs of the start and of these.
 
-    A start that is the solution but for rounding stays, with the derivative of the solution.
+    A start that is the solution but for rounding stays, with the derivative of the solution: else a second refinement
+    of a refined pose would have none.
+
+    Args:
+        problem: Residuals.
+        start: Poses before.
+        found: Poses that a descent from there found.
+        scales: Robust scale of each level [m].
+        same_pose: Poses whose entries differ by less than this [last robust scale in metres] are one.
     """
     level = Level(scales[-1], jnp.asarray(scales.shape[0] - 1, jnp.int32))
     before, after = problem.cost(start, level), problem.cost(found, level)
     is_better = after < before
-    is_same = jnp.max(jnp.abs(found - start)) < SAME_POSE * scales[-1]
+    is_same = jnp.max(jnp.abs(found - start)) < same_pose * scales[-1]
     kept = start + jnp.where(is_same, found - jax.lax.stop_gradient(found), jnp.zeros_like(found))
     return jnp.where(is_better, found, kept), before, jnp.where(is_better, after, before)
 
@@ -199,7 +231,7 @@ class _End(NamedTuple):
 def _descend(args: _Args, stages: tuple[Stage, ...]) -> _End:
     units = args.chart.units
     solver = AnnealedLevenbergMarquardt(
-        rtol=RTOL[units.dtype],
+        rtol=precision_of(units.dtype).cost,
         atol=stages[-1].least,
         stages=stages,
         lookup=_lookup,

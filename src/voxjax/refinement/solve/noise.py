@@ -16,14 +16,6 @@ from .problem import PoseProblem, sum_of_squares
 NUM_PATCHES = 512
 """Patches that are told apart; more share errors by chance, which overstates the covariance a little."""
 
-LEAST_CURVATURE = 1e-4
-"""Directions with less than this share of the largest curvature are not fixed: the prior is all that is known."""
-
-UNKNOWN = 1e6
-"""Variance of such a direction without the prior [prior^2]."""
-
-_PRIMES = (73856093, 19349663, 83492791)
-
 
 @jax.jit
 def implicit_covariance(
@@ -47,10 +39,10 @@ def implicit_covariance(
     surfaces fix a direction by their roughness alone it claims to know it (`notebooks/04_refinement.ipynb`).
 
     Args:
-        problem: Of which the pose is the solution; what its points meet is held.
+        problem: Residuals of which the pose is the solution; what its points meet is held.
         T_a_b: Refined pose.
         scale: Robust scale of the last level [m].
-        deviation: Of each coordinate of the errors [m].
+        deviation: Standard deviation of each coordinate of the errors [m].
         patch: Edge of the cubes [m].
         prior: Deviation of each unknown without any observation [m, rad].
 
@@ -77,10 +69,11 @@ def implicit_covariance(
     # In units of the prior, so that metres and radians are alike.
     curvature, spread = (matrix * prior[:, None] * prior[None, :] for matrix in (curvature, spread))
     values, vectors = jnp.linalg.eigh(0.5 * (curvature + curvature.T))
-    is_fixed = values > LEAST_CURVATURE * jnp.max(values)
+    # Of directions with less curvature, the prior is all that is known; this is their variance without it [prior^2].
+    is_fixed, unknown = values > 1e-4 * jnp.max(values), 1e6
     inverse = jnp.where(is_fixed, 1.0 / jnp.where(is_fixed, values, 1.0), 0.0)
     inner = vectors.T @ spread @ vectors * deviation**2
-    observed = inverse[:, None] * inner * inverse[None, :] + jnp.diag(jnp.where(is_fixed, 0.0, UNKNOWN))
+    observed = inverse[:, None] * inner * inverse[None, :] + jnp.diag(jnp.where(is_fixed, 0.0, unknown))
     # Together with the prior: (C^-1 + I)^-1, without the inverse of what may be singular.
     both = jnp.linalg.solve(observed + jnp.eye(6, dtype=dtype), observed)
     found = vectors @ (0.5 * (both + both.T)) @ vectors.T
@@ -113,8 +106,9 @@ def _shaken(
 
 def _patches(points: Columns, patch: Array) -> Int32[Array, "n"]:
     """Number of the cube of space that each point lies in."""
+    primes = (73856093, 19349663, 83492791)  # so that neighbours along an axis do not share a number
     mixed = jnp.zeros(points[0].shape, jnp.int32)
-    for column, prime in zip(points, _PRIMES, strict=True):
+    for column, prime in zip(points, primes, strict=True):
         cube = jnp.floor(jax.lax.stop_gradient(column) / patch).astype(jnp.int32)
         mixed = mixed ^ (cube * np.int32(prime))
     return mixed & (NUM_PATCHES - 1)

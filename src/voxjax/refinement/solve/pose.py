@@ -14,7 +14,7 @@ from ..._types import Array
 from ..residuals.terms import Level
 from .equations import move_about, tangent_slopes
 from .implicit import by_pseudo_inverse
-from .levels import COARSE_STRIDE, MAX_LEVEL_STEPS, RANK_TOLERANCE, Problem, lead, no_worse, settle
+from .levels import MAX_LEVEL_STEPS, Problem, lead, no_worse, precision_of, settle
 from .problem import PoseProblem
 
 
@@ -23,8 +23,8 @@ class RefinedPose(NamedTuple):
 
     Attributes:
         T_a_b: Never worse than the start at the last level.
-        cost_before: Of the start, at the last level.
-        cost_after: Of `T_a_b`.
+        cost_before: Cost of the start, at the last level.
+        cost_after: Cost of `T_a_b`.
         num_steps: Evaluations, all levels together.
         converged: Whether the last level did.
     """
@@ -80,7 +80,7 @@ def find_basin(
     Args:
         problem: As for `solve_pose`.
         T_a_b: Start.
-        scales: Of all levels, the last of which is left out [m].
+        scales: Robust scale of each level, the last of which is left out [m].
         levels: The first level to take and the one to stop before; None for all but the last.
         max_level_steps: Evaluations on each level.
 
@@ -91,8 +91,8 @@ def find_basin(
     first, stop = levels or (0, scales.shape[0] - 1)
     if first >= stop:
         return start, jnp.zeros((), jnp.int32)
-    thinned, chart = problem.thinned(COARSE_STRIDE), _chart_about(start, problem, scales[stop - 1])
-    found, steps, _ = lead(thinned, chart, scales, levels=(first, stop), max_level_steps=max_level_steps)
+    chart = _chart_about(start, problem, scales[stop - 1])
+    found, steps, _ = lead(problem, chart, scales, levels=(first, stop), max_level_steps=max_level_steps)
     return found, steps
 
 
@@ -164,7 +164,7 @@ def solve_pose(
     Pass the problem as an argument into functions that are compiled around this: its tables would be large constants.
 
     Args:
-        problem: Its dtype, float32 or float64, is that of the result.
+        problem: Residuals; their dtype, float32 or float64, is that of the result.
         T_a_b: Start.
         scales: Robust scale of each level, falling [m].
         max_level_steps: Evaluations on each level.
@@ -183,6 +183,6 @@ def solve_pose(
         _chart_about(found, problem, scales[-1]),
         scales,
         max_level_steps=max_level_steps,
-        solve=by_pseudo_inverse(RANK_TOLERANCE[start.dtype]),
+        solve=by_pseudo_inverse(precision_of(start.dtype).rank),
     )
     return RefinedPose(*no_worse(problem, start, T, scales), steps + more, is_converged)

@@ -14,9 +14,9 @@ class PoseProblem(eqx.Module):
     """Residuals between two maps as a function of the pose of one in the other.
 
     Attributes:
-        terms: Whose rows are squared and added.
-        centroid: Of map b [m]: the point about which b is moved, so that translation and rotation are decoupled and
-            float32 keeps its digits.
+        terms: Terms whose rows are squared and added.
+        centroid: Centroid of map b [m], about which b is moved, so that translation and rotation are decoupled
+            and float32 keeps its digits.
         radius: Length that makes radians comparable to metres: about that of map b [m].
     """
 
@@ -58,6 +58,6 @@ class PoseProblem(eqx.Module):
 
 
 def sum_of_squares(rows: object) -> Float[Array, ""]:
-    """Of all arrays of a tree."""
+    """Sum of the squares of all arrays of a tree."""
     parts = [jnp.sum(row * row, dtype=row.dtype) for row in jax.tree.leaves(rows)]
     return sum(parts[1:], start=parts[0])

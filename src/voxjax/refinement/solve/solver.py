@@ -18,23 +18,6 @@ from jaxtyping import Bool, Float, Int32
 
 from ..._types import Array
 
-FIRST_DAMPING = 1e-3
-"""Share of the diagonal that is added to it."""
-
-LESS, MORE = 0.2, 8.0
-"""Factors on the damping after a step that lowered the cost, and after one that did not."""
-
-LEAST_MORE = 0.1
-"""Damping after a step that did not lower the cost, at least: below it, steps hardly differ."""
-
-MAX_STRETCH = 3.0
-"""Steps are lengthened by up to so much where the cost keeps falling: matches follow the pose only in part, so that
-Gauss-Newton steps are too short, by the same share each time."""
-
-FLOOR = 10.0
-"""A step that failed though it promised less than so many times the relative tolerance failed by rounding."""
-
-
 Fn = Callable[[Array, Any], tuple[Any, None]]
 """Residuals of unknowns and arguments, as optimistix hands them over."""
 
@@ -66,11 +49,11 @@ class _State(eqx.Module):
         met: What is looked up there. Carried by the loop, so that it is looked up once: a compiler may do so again for
             each of its uses.
         equations: At the best point so far; of infinite cost at the beginning of a stage.
-        damping: See `FIRST_DAMPING`.
-        stretch: See `MAX_STRETCH`.
+        damping: Share of the diagonal that is added to it.
+        stretch: Factor on the length of the step, see `max_stretch` of the solver.
         fall: What the step should take off the cost unstretched.
         stage: Number of the stage.
-        steps_left: Of this stage.
+        steps_left: Evaluations that are left to this stage.
         num_steps: Evaluations so far.
         is_done: No candidate is left.
         is_converged: Whether that was by a tolerance.
@@ -100,6 +83,14 @@ class AnnealedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         unknown: `unknown(y, args)` gives equations of infinite cost, from which the first evaluation begins.
         equations: `equations(y, met, args, level)` gives the normal equations of the residuals on a level; those of
             the last stage must be those of the function that is differentiated at the solution.
+        norm: Size of a step.
+        first_damping: Damping at the beginning of a stage: share of the diagonal that is added to it.
+        less: Factor on the damping after a step that lowered the cost.
+        more: Factor on the damping after one that did not.
+        least_more: Damping after a step that did not lower the cost, at least: below it, steps hardly differ.
+        max_stretch: Steps are lengthened by up to so much where the cost keeps falling: matches follow the pose only
+            in part, so that Gauss-Newton steps are too short, by the same share each time.
+        rounding: A step that failed though it promised less than so many times `rtol` failed by rounding.
     """
 
     rtol: float
@@ -109,6 +100,12 @@ class AnnealedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     unknown: Callable[[Array, Any], Any] = eqx.field(static=True)
     equations: Callable[[Array, Any, Any, Array], Any] = eqx.field(static=True)
     norm: Callable = eqx.field(static=True, default=optx.max_norm)
+    first_damping: float = eqx.field(static=True, default=1e-3)
+    less: float = eqx.field(static=True, default=0.2)
+    more: float = eqx.field(static=True, default=8.0)
+    least_more: float = eqx.field(static=True, default=0.1)
+    max_stretch: float = eqx.field(static=True, default=3.0)
+    rounding: float = eqx.field(static=True, default=10.0)
 
     def init(
         self,
@@ -128,7 +125,7 @@ class AnnealedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             place=y,
             met=self.lookup(y, args),
             equations=self.unknown(y, args),
-            damping=zero + FIRST_DAMPING,
+            damping=zero + self.first_damping,
             stretch=zero + 1.0,
             fall=zero,
             stage=jnp.zeros((), jnp.int32),
@@ -159,14 +156,14 @@ class AnnealedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         stretch = jnp.where(is_better & ~is_fresh, self._stretch(state, before - found.cost), 1.0)
         # A stretched step that failed is tried again as it was.
         is_too_long = ~is_better & (state.stretch <= 1.0)
-        damping = state.damping * jnp.where(is_better & ~is_fresh, LESS, 1.0)
-        damping = jnp.where(is_too_long, jnp.maximum(state.damping * MORE, LEAST_MORE), damping)
+        damping = state.damping * jnp.where(is_better & ~is_fresh, self.less, 1.0)
+        damping = jnp.where(is_too_long, jnp.maximum(state.damping * self.more, self.least_more), damping)
 
         move = best.step(damping)
         fall = best.fall(move)
         # A small step that failed met other matches than it was made for.
         least = jnp.where(is_better, least, jnp.maximum(least, rough)).astype(y.dtype)
-        promise = jnp.where(is_better, self.rtol, FLOOR * self.rtol) * best.cost
+        promise = jnp.where(is_better, self.rtol, self.rounding * self.rtol) * best.cost
         has_converged = (self.norm(move) < least) | (fall <= promise)
         is_over = has_converged | (state.steps_left <= 1)
         is_last = state.stage == len(self.stages) - 1
@@ -182,7 +179,7 @@ class AnnealedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
                 place=place,
                 met=met,
                 equations=best._replace(cost=jnp.where(to_next, jnp.inf, best.cost)),
-                damping=jnp.where(to_next, FIRST_DAMPING, damping),
+                damping=jnp.where(to_next, self.first_damping, damping),
                 stretch=stretch,
                 fall=fall,
                 stage=following,
@@ -243,7 +240,7 @@ class AnnealedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         promised = 2.0 * jnp.maximum(state.fall, jnp.finfo(fallen.dtype).tiny)
         bend = 2.0 * (state.stretch - fallen / promised) / state.stretch**2
         return jnp.where(
-            bend > 1.0 / MAX_STRETCH,
-            jnp.maximum(1.0 / jnp.maximum(bend, 1.0 / MAX_STRETCH), 1.0),
-            MAX_STRETCH,
+            bend > 1.0 / self.max_stretch,
+            jnp.maximum(1.0 / jnp.maximum(bend, 1.0 / self.max_stretch), 1.0),
+            self.max_stretch,
         )
