@@ -43,6 +43,7 @@ def register_batch(
     known: dict[tuple[int, float], MapFeatures] = {}
 
     def features_of(grid: VoxelGrid, voxel_size: float) -> MapFeatures:
+        # The caller holds the maps as long as this call lasts, so that no other map gets their ids.
         key = id(grid), voxel_size
         if key not in known:
             known[key] = features_at(grid, voxel_size=voxel_size, config=settings)

@@ -84,6 +84,7 @@ def registration_of(
 
 def evidence_of(judgement: Judgement, i: int, num_voxels: int) -> Evidence:
     """What both maps say about pose i, in shares of the voxels that met anything, and in voxels of both maps."""
+    # Where no voxel met anything, all shares are 0.
     met = max(float(judgement.hits[i] + judgement.conflicts[i] + judgement.opposed[i]), 1e-9)
     return Evidence(
         score=float(judgement.score()[i]),

@@ -28,6 +28,7 @@ def spanning_tree(
     rows, columns = np.asarray(list(rank), np.int32).reshape(-1, 2).T
     costs = csr_array((np.arange(1.0, len(rank) + 1.0), (rows, columns)), shape=(num_maps, num_maps))
     _, part = connected_components(costs, directed=False)
+    # Of the largest parts `argmax` takes the first, which holds the lowest map.
     size = np.bincount(part)[part]
     kept = minimum_spanning_tree(costs).tocoo()
     inside = part[kept.row] == part[np.argmax(size)]
@@ -40,6 +41,7 @@ def chain_poses(num_maps: int, tree: Sequence[tuple[int, int, Registration]]) ->
     poses: list[np.ndarray | None] = [None] * num_maps
     if not tree:
         return poses
+    # Chained in float64: rounding would add up from map to map.
     steps: dict[tuple[int, int], np.ndarray] = {}
     for a, b, registration in tree:
         T_a_b = np.asarray(registration.T_a_b, np.float64)

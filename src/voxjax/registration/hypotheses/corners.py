@@ -122,6 +122,7 @@ def subgraph_poses(
     candidates = np.argwhere(is_alike).astype(np.int32)
     if len(candidates) < 3:
         return SubgraphPoses(np.zeros((0, 4, 4), np.float32), len(candidates), 0, True)
+    # Two corners within the tolerance of each other would agree with any such two of the other map.
     common = maximum_common_subgraph(
         a,
         b,

@@ -141,6 +141,7 @@ def _poses_of_part(
     dense = np.zeros((size, size), bool)
     dense[: len(nodes), : len(nodes)] = agreement[np.ix_(nodes, nodes)]
     members, sizes = map(np.asarray, greedy_cliques(dense))
+    # Fewer than three matches fix no pose.
     seeds = np.argsort(-sizes[: len(nodes)], kind="stable")[: settings.max_seeds]
     seeds = seeds[sizes[seeds] >= 3]
     # One length for all parts, so that the poses of all of them share a kernel.

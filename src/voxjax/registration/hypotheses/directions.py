@@ -47,6 +47,7 @@ def dominant_directions(
             w = weights * np.exp(-0.5 * (angle / 4.0) ** 2) * is_free
             scatter = (normals * w[:, None]).T.astype(np.float64) @ normals
             direction = np.linalg.eigh(scatter)[1][:, -1]
+        # Wider than the votes, so that the slopes of a peak do not become a direction of their own.
         taken = np.abs(normals @ direction) > np.cos(np.radians(10.0))
         directions.append(direction)
         shares.append(float(weights[taken & is_free].sum(dtype=np.float64)) / total)

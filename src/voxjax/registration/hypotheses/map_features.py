@@ -114,6 +114,7 @@ def _prepare(grid: VoxelGrid, settings: MapConfig) -> tuple[PreparedMap, str]:
     if grid.num_free:
         return prepare_map(grid), "observed"
     if settings.infer_free_space:
+        # How much of the surface has free space beside it is known only of the prepared map.
         prepared = prepare_map(infer_free_space(grid))
         if prepared.free_share >= settings.min_inferred:
             return prepared, "inferred"

@@ -44,6 +44,7 @@ def pair_rotations(
         for j in range(i + 1, len(directions_a)):
             first, second = directions_a[i], directions_a[j]
             cos_a = float(first @ second)
+            # Directions that are nearly parallel fix the rotation about themselves badly.
             if abs(cos_a) > np.cos(np.radians(30.0)):
                 continue
             frame_a = _frame(first, second)

@@ -43,6 +43,7 @@ def piece_area(
 def _codes_at(target: PreparedMap, points: np.ndarray, T: np.ndarray) -> np.ndarray:
     """Evidence codes where a pose puts points (n, 3) [m]; 0 outside."""
     voxel = target.grid.voxel_size
+    # Divided in float64, so that float32 rounds once.
     turn = (T[:3, :3].astype(np.float64) / voxel).astype(np.float32)
     shift = ((T[:3, 3].astype(np.float64) - target.grid.origin) / voxel).astype(np.float32)
     turned = turned_on_host(turn, np.ascontiguousarray(points.T))
@@ -60,6 +61,7 @@ def _in_pieces(other: PreparedMap, points: np.ndarray, min_area: float) -> int:
     index -= index.min(axis=0)
     block = np.zeros(index.max(axis=0) + 1, bool)
     block[tuple(index.T)] = True
+    # Slanted surfaces are steps of voxels, which hang together across edges and corners only.
     labels = np.empty(block.shape, np.int32)
     ndimage.label(block, np.ones((3, 3, 3), int), output=labels)
     sizes = np.bincount(labels[block])
@@ -75,6 +77,7 @@ def weigh_pieces(a: PreparedMap, b: PreparedMap, leaders: Leaders, settings: Ver
         leaders: Distinct poses, judged.
         settings: Which poses are rivals, and how large a piece is.
     """
+    # Pieces decide between rivals alone, and looking for them passes over all voxels of both maps.
     is_rival = rivals(leaders.judgement, settings.min_rival_share)
     areas = np.zeros((len(leaders.poses), 2))
     if is_rival.any():

@@ -123,6 +123,7 @@ def decide(
     if support(judgement)[0] < settings.min_support:
         reason = f"The best pose can slide along a direction that no surface fixes: {shown}."
         return Finding("ambiguous", min(confidence, 0.5), reason, none)
+    # Among equal rooms the cleanest pose may still be a false one, where the true one is not among the leaders.
     is_contested = bool(rivals(judgement, settings.min_rival_share)[1:].any())
     if is_contested and judgement.pieces[0] > settings.max_pieces * judgement.shared[0]:
         reason = (
