@@ -128,11 +128,14 @@ def test_warnings_are_sentences(monkeypatch, maps, capsys):
     assert one_line(capsys).startswith("voxjax: something is odd (RuntimeWarning, test_main.py:")
 
 
-def test_too_little_memory_is_said_and_no_fault(monkeypatch, maps, capsys):
+@pytest.mark.parametrize(
+    "error", [MemoryError(), RuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 9 GB")]
+)
+def test_too_little_memory_is_said_and_no_fault(monkeypatch, maps, capsys, error):
     from voxjax.cli import info
 
     def read_map(path, *, voxel_size):
-        raise MemoryError
+        raise error
 
     monkeypatch.setattr(info, "read_map", read_map)
     assert main(["info", *maps]) == 2

@@ -72,7 +72,8 @@ def _explained(error: Exception, *, is_debug: bool) -> int:
     if isinstance(error, InputError):
         warn(str(error))
         return 2
-    if isinstance(error, MemoryError):
+    # XLA says by its text alone that an allocation failed.
+    if isinstance(error, MemoryError) or str(error).startswith("RESOURCE_EXHAUSTED"):
         warn("the memory does not suffice; give a larger --voxel-size, smaller maps or more memory.")
         return 2
     if is_debug:
