@@ -13,15 +13,6 @@ from .._types import FREE, OCCUPIED, UNKNOWN
 from ..grid import VoxelGrid
 from ..ops.surface.enclosure import enclosing_directions
 
-REACH = 12.0
-"""Length of the rays [m]: across a hall, not across a building."""
-
-MIN_DIRECTIONS = 20
-"""A place is enclosed if a surface lies in at least so many of the 26 directions."""
-
-CELL = 2
-"""Voxels that a cell is wide: an eighth of the work, and rays do not slip through surfaces one voxel thin."""
-
 
 def infer_free_space(grid: VoxelGrid) -> VoxelGrid:
     """The map with enclosed unknown voxels made free.
@@ -32,15 +23,22 @@ def infer_free_space(grid: VoxelGrid) -> VoxelGrid:
     Returns:
         A map of the same shape, origin and voxel size.
     """
+    # Voxels that a cell is wide: an eighth of the work, and rays do not slip through surfaces one voxel
+    # thin.
+    cell = 2
+    # A place is enclosed if a surface lies in at least so many of the 26 directions.
+    min_directions = 20
+    # Length of the rays [m]: across a hall, not across a building.
+    reach = 12.0
     states = np.asarray(grid.states)
-    cells = tuple(-(-n // CELL) for n in states.shape)
-    wide = np.zeros(tuple(CELL * n for n in cells), bool)
+    cells = tuple(-(-n // cell) for n in states.shape)
+    wide = np.zeros(tuple(cell * n for n in cells), bool)
     wide[tuple(slice(0, n) for n in states.shape)] = states == OCCUPIED
-    blocks = wide.reshape(cells[0], CELL, cells[1], CELL, cells[2], CELL)
+    blocks = wide.reshape(cells[0], cell, cells[1], cell, cells[2], cell)
     occupied = np.asarray(blocks.any(axis=(1, 3, 5)))
-    enclosed = enclosing_directions(occupied, reach=REACH / (CELL * grid.voxel_size)) >= MIN_DIRECTIONS
+    enclosed = enclosing_directions(occupied, reach=reach / (cell * grid.voxel_size)) >= min_directions
     for axis in range(3):
-        enclosed = np.repeat(enclosed, CELL, axis=axis)
+        enclosed = np.repeat(enclosed, cell, axis=axis)
     enclosed = enclosed[tuple(slice(0, n) for n in states.shape)]
     return VoxelGrid(
         np.where(enclosed & (states == UNKNOWN), np.uint8(FREE), states), grid.origin, grid.voxel_size

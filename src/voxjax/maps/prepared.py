@@ -17,12 +17,6 @@ FIELD_RADIUS = 5
 HIT_SQ, CLEAR_SQ = 2, 4
 """A hit lies within 1.5 voxels of something occupied, clear space two voxels or more away."""
 
-COARSE_CELL = 0.3
-"""Unrefined poses are off by about so much [m], whatever the voxel size: with cells of 0.6 m, large maps of 0.2 m
-voxels agree with each other everywhere, and the right pose drowned."""
-
-MIN_NEIGHBOURS = 10
-"""Fewer occupied voxels in the window than this (a line has 7) do not define a normal."""
 
 MIN_PLANARITY = 0.3
 """Below it a normal does not say which side of a surface is free."""
@@ -103,7 +97,10 @@ def _codes(states: Array, keys: Array, num_cells: int, bounds: tuple[int, int]) 
 
 
 def _coarse_factor(voxel_size: float) -> int:
-    return int(np.clip(np.ceil(COARSE_CELL / voxel_size - 1e-3), 2, 3))
+    # Unrefined poses are off by about so much [m], whatever the voxel size: with cells of 0.6 m, large
+    # maps of 0.2 m voxels agree with each other everywhere, and the right pose drowned.
+    coarse_cell = 0.3
+    return int(np.clip(np.ceil(coarse_cell / voxel_size - 1e-3), 2, 3))
 
 
 def prepare_map(grid: VoxelGrid) -> PreparedMap:
@@ -166,7 +163,9 @@ def draw_rows(weights: np.ndarray, count: int) -> np.ndarray:
 
 def _planarity(curvature: np.ndarray, num_occupied: np.ndarray) -> np.ndarray:
     """1 on a plane, 0 from half the curvature of a ball on; 0 where too few voxels define a normal."""
-    return (np.clip(1.0 - 6.0 * curvature, 0.0, 1.0) * (num_occupied >= MIN_NEIGHBOURS)).astype(np.float32)
+    # Fewer occupied voxels in the window than this (a line has 7) do not define a normal.
+    min_neighbours = 10
+    return (np.clip(1.0 - 6.0 * curvature, 0.0, 1.0) * (num_occupied >= min_neighbours)).astype(np.float32)
 
 
 def leverage_weights(normals: np.ndarray, planarity: np.ndarray) -> np.ndarray:

@@ -17,14 +17,6 @@ from ..ops.descriptors.fpfh import point_feature_histograms, surface_normals
 from ..ops.descriptors.match import mutual_nearest
 from ..ops.descriptors.tiles import near_tiles, point_tree
 
-SPACING_IN_VOXELS = 2.5
-"""Working spacing over the map's voxel size; averages the steps of the lattice away."""
-MAX_SPACING = 0.3
-"""Largest working spacing [m] chosen by itself: furniture has no shape beyond it."""
-SCALES = (1.0, 1.6)
-"""Scales at which a map is described: rooms full of small things match at the fine one, halls at the coarse."""
-MAX_FINE_POINTS = 24576
-"""Maps with more points at the fine scale are described at the coarse one only: time grows with the square."""
 NORMAL_RADIUS = 3.001
 DESCRIPTOR_RADIUS = 5.001
 """Radii of the normal and of the descriptor, in working spacings; not whole, as many points lie just so far apart, and
@@ -69,8 +61,12 @@ def working_spacing(*voxel_sizes: float) -> float:
 
     A map whose voxels are coarser than that is taken as it is.
     """
+    # Largest working spacing [m] chosen by itself: furniture has no shape beyond it.
+    max_spacing = 0.3
+    # Working spacing over the map's voxel size; averages the steps of the lattice away.
+    spacing_in_voxels = 2.5
     coarsest = max(check_positive("voxel_size", size, "m") for size in voxel_sizes)
-    return max(min(MAX_SPACING, SPACING_IN_VOXELS * coarsest), coarsest)
+    return max(min(max_spacing, spacing_in_voxels * coarsest), coarsest)
 
 
 def describe_map(
@@ -91,6 +87,12 @@ def describe_map(
     Raises:
         InputError: If free space is asked for and the map has none, or the spacing is not positive.
     """
+    # Maps with more points at the fine scale are described at the coarse one only: time grows with the
+    # square.
+    max_fine_points = 24576
+    # Scales at which a map is described: rooms full of small things match at the fine one, halls at the
+    # coarse.
+    scales = (1.0, 1.6)
     spacing = working_spacing(grid.voxel_size) if spacing is None else check_positive("spacing", spacing, "m")
     has_free = grid.num_free > 0
     if use_free_space and not has_free:
@@ -102,9 +104,9 @@ def describe_map(
     centred = points.astype(np.float64) - center
     toward_free = _free_directions(np.asarray(grid.states), index) if use_free else None
     levels = []
-    for scale in SCALES:
+    for scale in scales:
         cell, means = _average_by_cell(centred, scale * spacing)
-        if scale == SCALES[-1] or len(means) <= MAX_FINE_POINTS:
+        if scale == scales[-1] or len(means) <= max_fine_points:
             side = None if toward_free is None else _sum_by_cell(cell, toward_free, len(means))
             levels.append(_describe_level(means, side, scale * spacing))
     return MapDescriptors(tuple(levels), center.astype(np.float32), "free" if use_free else "surroundings")

@@ -28,10 +28,6 @@ from .._types import Array
 
 _RowsOf = Callable[[Array], list[tuple[Array, Array]]]
 
-_MAX_ROWS = 1 << 25
-_SMALLEST_LIST = 1 << 12
-_SMALLEST_BLOCK = 1 << 15
-
 
 class Regions(NamedTuple):
     """Components of listed voxels.
@@ -70,6 +66,8 @@ def connected_components(
     Raises:
         InputError: If the connectivity or the implementation is unknown, or there are too many voxels.
     """
+    # Short lists share one program.
+    smallest_list = 1 << 12
     _check_connectivity(connectivity)
     if implementation is None:
         implementation = "scipy" if on_host(occupied) else "compact"
@@ -81,7 +79,7 @@ def connected_components(
         return labels, int(ndimage.label(host, ndimage.generate_binary_structure(3, rank), output=labels))  # pyright: ignore[reportArgumentType]
     flat = np.flatnonzero(host)
     index = np.stack(np.unravel_index(flat, host.shape), axis=1).astype(np.int32)
-    size = bucket_size(len(flat), _SMALLEST_LIST)
+    size = bucket_size(len(flat), smallest_list)
     regions = label_voxels(
         pad_rows(index, size),
         np.arange(size) < len(flat),
@@ -179,9 +177,11 @@ def padded_size(shape: tuple[int, ...]) -> int:
     Raises:
         InputError: If the block has more voxels than int32 can count.
     """
+    # Small blocks share one program.
+    smallest_block = 1 << 15
     num_cells = int(np.prod([side + 2 for side in shape], dtype=np.int64))
     check_cells(num_cells, 0, "a grid and the voxels around it", "label it tile by tile, or on the host")
-    return bucket_size(num_cells, _SMALLEST_BLOCK)
+    return bucket_size(num_cells, smallest_block)
 
 
 def _neighbours(
@@ -194,10 +194,12 @@ def _neighbours(
     could be neighbours: `row << 6 | present << 3 | joined`, the row of the first one that is listed, one bit each for
     being listed and one for being joined. Listing all 26 rows instead took twice the time, for the memory.
     """
+    # An entry keeps six bits beside the row, and int32 has no more than 25 others without its sign.
+    max_rows = 1 << 25
     _check_connectivity(connectivity)
-    if not 0 < index.shape[0] < _MAX_ROWS:
+    if not 0 < index.shape[0] < max_rows:
         raise InputError(
-            f"index must have 1 to {_MAX_ROWS - 1} rows, got {index.shape[0]}; pad it, or use tiles."
+            f"index must have 1 to {max_rows - 1} rows, got {index.shape[0]}; pad it, or use tiles."
         )
     # One empty voxel around the block: no neighbour lies outside, none wraps round.
     height, depth = dims[1] + 2, dims[2] + 2

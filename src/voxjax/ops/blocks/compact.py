@@ -19,11 +19,6 @@ from ..bits import SPREAD, pack_spread
 _GROUP = 4
 """Words of 16 voxels in a group: fewer mean more groups to mark, more mean more halving at each slot."""
 
-_STEPS = 8, 8
-"""A window of as many slots as a group has voxels, in two windows of 8."""
-
-_MAX_VOXELS = 2**31 - 1
-
 
 @partial(jax.jit, static_argnames=("size",))
 def occupied_indices(
@@ -44,9 +39,11 @@ def occupied_indices(
     Raises:
         InputError: If `size` is not a whole number from 0, or the grid has 2**31 voxels or more.
     """
+    # Places are counted in int32.
+    max_voxels = 2**31 - 1
     if isinstance(size, bool) or int(size) != size or size < 0:
         raise InputError(f"size must be a whole number of rows, 0 or more, got {size!r}.")
-    if occupied.size > _MAX_VOXELS:
+    if occupied.size > max_voxels:
         raise InputError(
             f"occupied must have fewer than 2**31 voxels, got shape {occupied.shape}: use tiles."
         )
@@ -59,6 +56,8 @@ def occupied_indices(
 
 def _flat_indices(bits: Array, size: int) -> tuple[jax.Array, jax.Array]:
     """Places of the first `size` set bits, 0 where there are fewer, and the mask of those that are there."""
+    # A window of as many slots as a group has voxels, in two windows of 8.
+    steps = 8, 8
     words = pack_spread(bits, _GROUP)
     counts = jax.lax.population_count(words).astype(jnp.int32).reshape(-1, _GROUP)
     per_group = sum((counts[:, k] for k in range(1, _GROUP)), counts[:, 0])
@@ -70,7 +69,7 @@ def _flat_indices(bits: Array, size: int) -> tuple[jax.Array, jax.Array]:
     number = jnp.arange(len(per_group), dtype=jnp.int32)
     group = jnp.zeros(size, jnp.int32).at[slot_of_group].set(number, mode="drop")
     stride = 1
-    for width in _STEPS:
+    for width in steps:
         group = _over_last(group, width, stride, jax.lax.max)
         stride *= width
 

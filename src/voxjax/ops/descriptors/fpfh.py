@@ -24,8 +24,6 @@ from .tiles import LEAF, TILE, NearTiles, padded_tiles
 
 NUM_BINS = 11
 """Bins of each of the three histograms, as in the publication of FPFH."""
-_FITS = 4096
-"""Points whose planes are fitted at once on a CPU."""
 
 
 def surface_normals(
@@ -176,10 +174,12 @@ def _fit(sums: Float32[Array, "10 n"]) -> tuple[Float32[Array, "3 n"], Float32[A
 
 def _fit_pieces(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """`_fit`, always for as many points at once."""
+    # Points whose planes are fitted at once on a CPU.
+    fits = 4096
 
     def fit(rows: np.ndarray, _: np.int32) -> tuple[np.ndarray, Array]:
         normals, variation = _fit(rows.T)
         return np.asarray(normals).T, variation
 
-    normals, variation = over_pieces(fit, [sums.T], size=_FITS)
+    normals, variation = over_pieces(fit, [sums.T], size=fits)
     return normals.T, variation

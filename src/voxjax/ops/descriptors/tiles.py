@@ -25,8 +25,6 @@ _TOP = 2
 """Levels of the tree before its parts are made side by side."""
 _STEP = 3
 """Levels of the tree passed at once by the search."""
-_SHORT = 64
-"""Places of a node up to which its box is found by halves."""
 _CHUNK = 512
 """Tiles whose near ones are searched at once."""
 
@@ -116,9 +114,11 @@ def _halve(columns: np.ndarray, rows: np.ndarray, levels: int) -> None:
 
 def _boxes(columns: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
     """Least and largest coordinates of nodes of equal width; all hold points, and only the last empty places too."""
+    # Places of a node up to which its box is found by halves.
+    short = 64
     low = high = columns.reshape(3, -1, width)
     # In halves, whose number is a power of two: NumPy reduces short rows one number at a time.
-    while 1 < low.shape[2] <= _SHORT:
+    while 1 < low.shape[2] <= short:
         half = low.shape[2] // 2
         low = np.minimum(low[:, :, :half], low[:, :, half:])
         high = np.maximum(high[:, :, :half], high[:, :, half:])

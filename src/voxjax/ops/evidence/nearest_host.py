@@ -13,9 +13,6 @@ from ..._types import FREE
 from .nearest import INDEX_BITS, NOTHING_NEAR
 from .scoring import CONFLICT, HIT, NEUTRAL
 
-MAX_RADIUS = 5
-"""Sums of two squared distances must fit the six bits of a key."""
-
 SLAB = 1 << 16
 """Cells that are worked on at once: with as many of what is added to them they fill a quarter of a MiB each."""
 
@@ -34,8 +31,10 @@ def nearest_field_on_host(
     Raises:
         InputError: If the radius or the number of rows does not fit the key.
     """
-    if not 1 <= radius <= MAX_RADIUS:
-        raise InputError(f"radius must be 1 to {MAX_RADIUS} voxels, got {radius}.")
+    # Sums of two squared distances must fit the six bits of a key.
+    max_radius = 5
+    if not 1 <= radius <= max_radius:
+        raise InputError(f"radius must be 1 to {max_radius} voxels, got {radius}.")
     if len(index) >= 1 << INDEX_BITS:
         raise InputError(f"index must list fewer than {1 << INDEX_BITS} voxels, got {len(index)}.")
     width, height, depth = shape

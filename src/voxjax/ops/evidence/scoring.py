@@ -134,9 +134,6 @@ class CodeField(NamedTuple):
 _STEP = 1024
 """Lookups of one step at least."""
 
-_SURFACE_PIECE = 8192
-"""Points of a piece of `surface_evidence` at most: what its steps write down stays in the cache of a core."""
-
 
 def _sums_of_piece(field: SurfaceField | CodeField, *piece: Array) -> Float32[Array, "p m"]:
     """Sums under the first `count` of some poses, what follows is of no use; `piece`: lists, poses, count."""
@@ -178,11 +175,14 @@ def _sums_at_once(field: SurfaceField | CodeField, lists: tuple, poses: Array, b
 
 
 def _sums(field: SurfaceField | CodeField, lists: tuple, poses: Array, batch_size: int) -> Array:
+    # Points of a piece of `surface_evidence` at most: what its steps write down stays in the cache of a
+    # core.
+    surface_piece = 8192
     if not on_host(field, lists, poses) or not (len(poses) and len(lists[0])):
         return _sums_at_once(field, lists, poses, batch_size)
     held = jax.device_put(field)
     kernel, most = (
-        (_code_piece, PIECES[-1]) if isinstance(field, CodeField) else (_surface_piece, _SURFACE_PIECE)
+        (_code_piece, PIECES[-1]) if isinstance(field, CodeField) else (_surface_piece, surface_piece)
     )
     found = sum_over_pieces(
         partial(kernel, held), [np.asarray(a) for a in lists], np.asarray(poses), most=most

@@ -8,17 +8,14 @@ from ..._checks import InputError
 MAX_VOXELS = 2**31 - 1
 """Largest dense grid: flat indices fit int32."""
 
-# An origin this near to the lattice [voxels] lies on it; the rest is rounding of float32.
-_ON_LATTICE = 0.01
-# A rotation this near to one of the 24 of the cube is that one.
-_IS_CUBE_ROTATION = 1e-5
-
 
 def origin_in_voxels(origin: Float[np.ndarray, "3"], voxel_size: float) -> Float[np.ndarray, "3"]:
     """Origin in units of the voxel size, float64; whole numbers where the origin lies on the lattice."""
+    # An origin this near to the lattice [voxels] lies on it; the rest is rounding of float32.
+    on_lattice = 0.01
     cell = np.asarray(origin, np.float64) / voxel_size
     whole = np.rint(cell)
-    return np.where(np.abs(cell - whole) < _ON_LATTICE, whole, cell)
+    return np.where(np.abs(cell - whole) < on_lattice, whole, cell)
 
 
 def origin_of_cell(cell: Int[np.ndarray, "3"], voxel_size: float) -> Float[np.ndarray, "3"]:
@@ -64,10 +61,12 @@ def moved_bounds(
     Raises:
         InputError: If the moved grid lies so far away that float64 tells its cells no longer apart.
     """
+    # A rotation this near to one of the 24 of the cube is that one: its box is not to grow by rounding.
+    is_cube_rotation = 1e-5
     matrix = np.asarray(T, np.float64)
     rotation = matrix[:3, :3]
     base = origin_in_voxels(origin, voxel_size)
-    if np.abs(rotation - np.rint(rotation)).max() < _IS_CUBE_ROTATION:
+    if np.abs(rotation - np.rint(rotation)).max() < is_cube_rotation:
         low, high = np.zeros((1, 3)), np.asarray([states.shape], np.float64)
         centres, half = (low + high) / 2, high[0] / 2
     else:

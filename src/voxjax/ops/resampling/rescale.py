@@ -9,10 +9,6 @@ from ..._runtime.threads import spread
 from ..._types import UNKNOWN
 from .lattice import check_num_voxels, origin_in_voxels, origin_of_cell
 
-# Centres that lie on a border of new voxels [voxels] go to the upper one, whichever way float32 rounded.
-_TIE = 1e-4
-_PLANES = 4
-
 
 def rescale_states(
     states: UInt8[np.ndarray, "x y z"],
@@ -77,34 +73,38 @@ def _check_result(shape: tuple[int, ...], base: np.ndarray, ratio: float, *, has
 
 def _plan_axis(base: float, count: int, ratio: float) -> tuple[int, np.ndarray, bool]:
     """Lowest new cell; for each new cell the first of its old ones (coarser) or its only one (finer)."""
+    # Centres that lie on a border of new voxels [voxels] go to the upper one, whichever way float32 rounded.
+    tie = 1e-4
     if ratio < 1.0:
-        cell = np.floor((base + np.arange(count) + 0.5) * ratio + _TIE).astype(np.int64)
+        cell = np.floor((base + np.arange(count) + 0.5) * ratio + tie).astype(np.int64)
         return int(cell[0]), np.flatnonzero(np.diff(cell, prepend=cell[0] - 1)), True
     low, high = int(np.floor(base * ratio)) - 1, int(np.ceil((base + count) * ratio)) + 1
     cell = np.arange(low, high)
-    source = np.floor((cell + 0.5) / ratio - base + _TIE).astype(np.int64)
+    source = np.floor((cell + 0.5) / ratio - base + tie).astype(np.int64)
     inside = (source >= 0) & (source < count)
     return int(cell[inside][0]), source[inside], False
 
 
 def _apply(values: np.ndarray, plans: list[tuple[int, np.ndarray, bool]]) -> np.ndarray:
     """All three axes, a few planes at a time: what one axis leaves is in the cache for the next."""
+    # Planes of the result that one piece of work makes: few, so that all cores have some in small grids.
+    planes = 4
     _, index, is_coarser = plans[0]
     result = np.empty([len(index) for _, index, _ in plans], values.dtype)
 
     def fill(start: int) -> None:
-        rows = index[start : start + _PLANES]
+        rows = index[start : start + planes]
         if is_coarser:
-            end = index[start + _PLANES] if start + _PLANES < len(index) else len(values)
+            end = index[start + planes] if start + planes < len(index) else len(values)
             part = _largest(values[rows[0] : end], 0, rows - rows[0])
         else:
             part = values[rows]
         for axis in (1, 2):
             _, places, is_coarser_there = plans[axis]
             part = _largest(part, axis, places) if is_coarser_there else np.take(part, places, axis=axis)
-        result[start : start + _PLANES] = part
+        result[start : start + planes] = part
 
-    spread(fill, range(0, len(index), _PLANES))
+    spread(fill, range(0, len(index), planes))
     return result
 
 

@@ -18,10 +18,6 @@ from ..._types import Array
 from .interpolate import TIE, is_within
 from .lattice import check_num_voxels, moved_bounds, origin_in_voxels, origin_of_cell
 
-_SMALLEST_SOURCE = 1 << 15
-_SMALLEST_CHUNK = 1 << 15
-_LARGEST_CHUNK = 1 << 20
-
 
 def source_from_target(
     T: Float[np.ndarray, "4 4"],
@@ -87,12 +83,17 @@ def take_flat(
 
 def chunk_size(num_voxels: int) -> int:
     """Length of the runs into which a target of so many voxels is cut."""
-    return min(bucket_size(num_voxels, _SMALLEST_CHUNK), _LARGEST_CHUNK)
+    # Small grids share one program; large ones go in pieces that bound the memory of coordinates.
+    smallest_chunk = 1 << 15
+    largest_chunk = 1 << 20
+    return min(bucket_size(num_voxels, smallest_chunk), largest_chunk)
 
 
 def flat_source(values: np.ndarray) -> jax.Array:
     """A grid as a flat device array, padded to the ladder of shapes."""
-    padded = np.zeros(bucket_size(values.size, _SMALLEST_SOURCE), values.dtype)
+    # Sources of few lengths share a program.
+    smallest_source = 1 << 15
+    padded = np.zeros(bucket_size(values.size, smallest_source), values.dtype)
     padded[: values.size] = values.reshape(-1)
     return jnp.asarray(padded)
 

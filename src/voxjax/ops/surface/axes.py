@@ -16,11 +16,6 @@ from .packed_states import PackedStates
 TIED = 1e-3
 """Eigenvalues that differ by less than this share of the largest count as equal: rounding decides no normal."""
 
-MIN_LEAN = 0.5
-"""Sum of the free voxels' offsets [voxel] from which on a side is free."""
-
-_ASKEW = np.asarray([0.547, 0.683, 0.484], np.float32)
-"""A direction along no plane that small whole numbers describe: gives normals a sign where nothing else does."""
 
 _ALONG_X = 0.75
 """Lines closer to x than this cosine get a normal toward y, other lines one toward x."""
@@ -92,6 +87,11 @@ def surface_normal(sums: WindowSums, axes: Axes) -> tuple[Array, Array, Array]:
     Where the smallest eigenvalues tie (posts, lines, lone voxels), all normals across the line fit equally well; the
     one nearest to the mean of the free voxels is taken, and where that is none either, one nearest to an axis.
     """
+    # A direction along no plane that small whole numbers describe: gives normals a sign where nothing
+    # else does.
+    askew = np.asarray([0.547, 0.683, 0.484], np.float32)
+    # Sum of the free voxels' offsets [voxel] from which on a side is free.
+    min_lean = 0.5
     lean, low, high = tuple(sums.lean), tuple(axes.low), tuple(axes.high)
 
     def across(direction: tuple) -> tuple:
@@ -102,14 +102,14 @@ def surface_normal(sums: WindowSums, axes: Axes) -> tuple[Array, Array, Array]:
     x, y = ((~is_along_x).astype(jnp.float32), is_along_x.astype(jnp.float32))
     toward_axis = across((x, y, jnp.zeros_like(x)))
     toward_free = across(lean)
-    is_free_told = _dot(toward_free, toward_free) > MIN_LEAN**2
+    is_free_told = _dot(toward_free, toward_free) > min_lean**2
     chosen = tuple(jnp.where(is_free_told, f, a) for f, a in zip(toward_free, toward_axis, strict=True))
     inverse = 1 / jnp.sqrt(_dot(chosen, chosen))
     axis = tuple(jnp.where(axes.is_low, a, inverse * c) for a, c in zip(low, chosen, strict=True))
 
     toward = _dot(lean, axis)
-    has_free = jnp.abs(toward) > MIN_LEAN
-    is_turned = jnp.where(has_free, toward, _dot(tuple(_ASKEW), axis)) < 0
+    has_free = jnp.abs(toward) > min_lean
+    is_turned = jnp.where(has_free, toward, _dot(tuple(askew), axis)) < 0
     normal = tuple(jnp.where(is_turned, -a, a) for a in axis)
     return jnp.stack(normal), has_free, _dot(tuple(sums.mean), normal)
 

@@ -15,9 +15,6 @@ from jaxtyping import Int, Int32, UInt32
 from ..._types import Array
 from .packed_states import PackedStates
 
-_SMALL = 7
-"""Largest diameter whose sums over one plane of the ball fit 8 bits, and all its sums 16."""
-
 
 def ball_offsets(size: int) -> np.ndarray:
     """Voxel offsets int32 (k, 3) within size / 2 of the centre: a ball treats all directions alike."""
@@ -42,10 +39,12 @@ def window_sums(
         Sums over the occupied voxels of 1, x, y, z, xx, yy, zz, xy, xz, yz and over the free ones of 1, x, y, z; int16
         up to diameter 7, int32 beyond.
     """
+    # Largest diameter whose sums over one plane of the ball fit 8 bits, and all its sums 16.
+    small = 7
     half = size // 2
     columns = _columns(size)
     steps = packed.steps(jnp.asarray(columns[:, 0]), jnp.asarray(columns[:, 1]))
-    narrow = jnp.uint8 if size <= _SMALL else jnp.uint32
+    narrow = jnp.uint8 if size <= small else jnp.uint32
     masks = jnp.asarray(columns[:, 2], jnp.uint32)[:, None]
     occupied, free = (
         (bits & masks).astype(narrow) for bits in packed.look(steps[:, None] + group[None, :], shift[None, :])

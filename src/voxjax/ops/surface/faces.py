@@ -22,12 +22,6 @@ from ..._types import FREE, OCCUPIED, Array
 OCTANT_SIGNS = np.asarray([[1 - 2 * ((o >> i) & 1) for i in range(3)] for o in range(8)], np.int32)
 """Side of each plane on which octant o lies, int32 (8, 3)."""
 
-_CHUNK = 64
-"""Candidates of one step of the kernel."""
-
-_GROUP = 512
-"""Candidates that a core looks at, on host arrays."""
-
 
 class CornerFaces(NamedTuple):
     """Shares of samples around each candidate, float32.
@@ -95,13 +89,15 @@ def _faces_on_host(
     normals: np.ndarray,
 ) -> CornerFaces:
     """Any number of candidates on a block of any size, compiling nothing new."""
+    # Candidates that a core looks at, on host arrays.
+    group = 512
     table = to_device(as_table(flat, table_lengths(flat.size, 0)[0]))
 
     def look(some: np.ndarray, planes: np.ndarray, _: np.int32) -> CornerFaces:
         return run(table, shape, some, planes)
 
     fills = [0.0, np.eye(3, dtype=np.float32)]
-    return over_pieces(look, [position, normals], size=_GROUP, fills=fills)
+    return over_pieces(look, [position, normals], size=group, fills=fills)
 
 
 @partial(jax.jit, static_argnames=("first", "last"))
@@ -115,6 +111,8 @@ def _faces_kernel(
     last: float,
 ) -> CornerFaces:
     """`corner_faces` on a flat block, so that maps of other shapes compile nothing."""
+    # Candidates of one step of the kernel.
+    chunk = 64
     margin = int(np.ceil(3 * last)) + 4
     strides = jnp.stack([shape[1] * shape[2], shape[2], jnp.ones_like(shape[2])])
     steps = jnp.arange(first, last + 0.5, 1.0, dtype=jnp.float32)
@@ -153,4 +151,4 @@ def _faces_kernel(
             jnp.stack(seen, axis=-1), jnp.stack(occupied, axis=-1), jnp.mean(free, axis=1, dtype=jnp.float32)
         )
 
-    return jax.lax.map(one, (position, normals), batch_size=_CHUNK)
+    return jax.lax.map(one, (position, normals), batch_size=chunk)

@@ -25,8 +25,6 @@ from .packed_states import PackedStates, pack_on_host, pack_states
 _PIECE = 8192
 _PIECE_ELSEWHERE = 1 << 17
 """Voxels of a compiled call on a CPU, and on other devices."""
-_STEP = 2048
-"""Voxels of one step on a CPU: what it writes stays in the cache of a core."""
 
 
 class SurfaceMoments(NamedTuple):
@@ -134,7 +132,9 @@ def _moments_of_piece(
     packed: PackedStates, rows: Int32[Array, "n 3"], *, size: int, reach: int
 ) -> SurfaceMoments:
     """The moments of one piece of the list, some rows at a time, so that what steps write stays in the cache."""
-    steps = max(len(rows) // _STEP, 1) if on_host() else 1
+    # Voxels of one step on a CPU: what it writes stays in the cache of a core.
+    step = 2048
+    steps = max(len(rows) // step, 1) if on_host() else 1
     if steps == 1:
         return _moments_of_rows(packed, rows, size=size, reach=reach)
     done = jax.lax.map(

@@ -39,9 +39,6 @@ _WINDOW = 1 << 14
 _ROWS = 512
 """Voxels whose neighbours the host looks up at once."""
 
-_SMALLEST = 1 << 14
-"""Shortest list of voxels [rows]."""
-
 
 class Neighbourhood(NamedTuple):
     """Neighbours of listed voxels, to be passed to compiled functions as an argument (it is too large a constant).
@@ -79,6 +76,8 @@ def neighbourhood(
         InputError: If the size is not odd or above 7, or voxels repeat or lie outside the grid, or there are 2^23 or
             more.
     """
+    # Shortest list of voxels [rows].
+    smallest = 1 << 14
     if check_odd_window("size", size) > MAX_SIZE:
         raise InputError(f"size must be at most {MAX_SIZE} voxels, got {size}.")
     rows = np.asarray(index, np.int32)
@@ -87,7 +86,7 @@ def neighbourhood(
     if ((rows < 0) | (rows >= np.asarray(shape, np.int32))).any():
         raise InputError(f"index must hold voxels inside the grid of {tuple(shape)} voxels.")
     lanes = _LANES if on_host() else _LANES_ELSEWHERE
-    length = bucket_size(len(rows), max(_SMALLEST, 2 * lanes))
+    length = bucket_size(len(rows), max(smallest, 2 * lanes))
 
     half = size // 2
     # A gap after each row and each plane, and before the first: no step from a voxel meets one that is not there.

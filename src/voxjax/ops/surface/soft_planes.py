@@ -15,20 +15,8 @@ from ..eigen import eigen_by_columns
 from .axes import TIED
 from .neighbourhood import Neighbourhood, ball_sums
 
-_LEAST_WEIGHT = 1e-6
-"""Sum of occupancies from which on a window has a mean and a covariance."""
-
 _ENOUGH = 10
 """Occupied voxels that define a normal: a line through the window has 7."""
-
-_NO_PLANE = 6.0
-"""Times the curvature of a plane that is none: half the curvature of a ball."""
-
-_ALONG_X = 0.75
-"""Lines closer to x than this cosine get a normal toward y, other lines one toward x."""
-
-_SHORT = 1e-12
-"""Squared length below which what is left of a direction across a line says nothing."""
 
 
 class SoftPlanes(NamedTuple):
@@ -72,6 +60,10 @@ def soft_planes(
     Raises:
         InputError: If there are more occupancies than the neighbourhood has rows, or not as many directions.
     """
+    # Times the curvature of a plane that is none: half the curvature of a ball.
+    no_plane = 6.0
+    # Sum of occupancies from which on a window has a mean and a covariance.
+    least_weight = 1e-6
     occupancy = jnp.asarray(occupancy)
     if occupancy.shape[0] > neighbours.place.shape[0] or toward.shape[0] != occupancy.shape[0]:
         raise InputError(
@@ -81,7 +73,7 @@ def soft_planes(
     directions = tuple(jax.lax.stop_gradient(jnp.asarray(toward)).astype(occupancy.dtype).T)
     weight, *sums = ball_sums(occupancy, neighbours)
     first, second = sums[:3], sums[3:]
-    is_there = weight > _LEAST_WEIGHT
+    is_there = weight > least_weight
     share = jnp.where(is_there, 1 / jnp.where(is_there, weight, 1), 0)
     pairs = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     # Products before the division: of whole numbers they are exact, and nothing cancels.
@@ -101,22 +93,26 @@ def soft_planes(
     return SoftPlanes(
         jnp.stack(normal, axis=1),
         _dot(tuple(s * share for s in first), normal),
-        jnp.maximum(1 - _NO_PLANE * curvature, 0) * enough * enough * (3 - 2 * enough),
+        jnp.maximum(1 - no_plane * curvature, 0) * enough * enough * (3 - 2 * enough),
         weight,
     )
 
 
 def _across(directions: tuple, line: Array, is_line: Array) -> tuple:
     """The unit vector nearest to a direction, across a line where there is one; nearest to an axis if that is none."""
+    # Squared length below which what is left of a direction across a line says nothing.
+    short = 1e-12
+    # Lines closer to x than this cosine get a normal toward y, other lines one toward x.
+    along_x = 0.75
 
     def across(direction: tuple) -> tuple:
         along = jnp.where(is_line, _dot(direction, tuple(line)), 0)
         return tuple(d - along * h for d, h in zip(direction, line, strict=True))
 
-    is_along_x = is_line & (jnp.abs(line[0]) > _ALONG_X)
+    is_along_x = is_line & (jnp.abs(line[0]) > along_x)
     x = (~is_along_x).astype(line.dtype)
     told = across(directions)
-    is_told = _dot(told, told) > _SHORT
+    is_told = _dot(told, told) > short
     vector = tuple(
         jnp.where(is_told, t, a) for t, a in zip(told, across((x, 1 - x, jnp.zeros_like(x))), strict=True)
     )

@@ -21,10 +21,6 @@ from .box import box_count as box_count
 from .box import check_size
 from .box_sums import separable
 
-# 400,000 % of any count is more than any change, and times the largest count fits int32.
-_MOST_PERCENT = 400_000
-_MORE_THAN_ANY_CHANGE = MAX_SIZE**3 + 1
-
 
 def shift_directions(shift: int) -> np.ndarray:
     """The 13 directions of a voxel lattice as moves by `shift` voxels along one, two or three axes, int32 (13, 3)."""
@@ -142,10 +138,13 @@ def steady_directions(counts: Array, min_change: Array, shape: tuple[int, ...], 
     100 |there - here| < min_change * here, for both senses, is |there - here| < t with t the quotient rounded up: one
     subtraction and one comparison of uint16 each, the wrap of negative numbers included.
     """
+    # 400,000 % of any count is more than any change, and times the largest count fits int32.
+    most_percent = 400_000
+    more_than_any_change = MAX_SIZE**3 + 1
     here = _moved(counts, shape, shift, np.zeros(3, np.int32))
-    percent = jnp.clip(jnp.asarray(min_change, jnp.int32), 0, _MOST_PERCENT)
+    percent = jnp.clip(jnp.asarray(min_change, jnp.int32), 0, most_percent)
     quotient = jax.lax.div(percent * here.astype(jnp.int32) + 99, jnp.int32(100))
-    bound = jnp.minimum(quotient, _MORE_THAN_ANY_CHANGE).astype(jnp.uint16)
+    bound = jnp.minimum(quotient, more_than_any_change).astype(jnp.uint16)
     lowest = here - bound + jnp.uint16(1)
     width = jnp.where(bound > 0, jnp.uint16(2) * bound - jnp.uint16(1), jnp.uint16(0))
     steady = jnp.zeros(shape, jnp.uint16)
