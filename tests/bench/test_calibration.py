@@ -4,7 +4,6 @@ import dataclasses
 import json
 
 import numpy as np
-import pytest
 from bench.calibration import judge
 
 from bench import calibration
@@ -12,7 +11,6 @@ from small_worlds import draw_map, pose
 from voxjax import register
 
 
-@pytest.mark.slow
 def test_a_row_tells_what_was_said_and_what_is_true():
     T = pose(yaw=20.0, translation=(1.0, 2.0, 0.0))
     a, b = draw_map(), draw_map(T)

@@ -23,7 +23,6 @@ def covariances(corners):
     return np.asarray(corners.covariance)
 
 
-@pytest.mark.slow
 def test_errors_on_generated_maps_are_as_large_as_the_covariance_says():
     squared = []
     for seed, frame in zip((21, 22, 23), get_args(Frame), strict=True):

@@ -53,7 +53,6 @@ def test_clouds_without_free_space_get_the_true_pose(name, maps_folder, tmp_path
     assert code in (0, 3)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["balm_r25_AB", "balm_r10_AC"])
 def test_halls_are_right_or_refused(name, maps_folder, tmp_path):
     code, report, _, is_right = merge(maps_folder / "real" / name, tmp_path, ".bt")

@@ -1,26 +1,22 @@
 """What `refine` can do for a pair, `refine_joint` can for many: residuals, terms, log-odds, far starts."""
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import voxjax as vx
-from oracles.motions import moved, nudged, pose_error, random_pose
+from derivatives import derivatives_at
+from oracles.motions import moved, nudged, pose_error
 from oracles.rooms import VOXEL
+from refinement_problems import starts_near
 from voxjax.fusion.rules import log_odds_of_states
-from voxjax.maps.prepared import prepare_map
 from voxjax.refinement.maps.joint import joint_problem
 from voxjax.refinement.maps.joint_pairs import checked_terms, with_named
-from voxjax.refinement.maps.pair import pose_problem
 from voxjax.refinement.maps.views import soft_map
 from voxjax.refinement.refine_joint import refine_joint
 from voxjax.refinement.residuals.pairs import CornerPairs, Prior
-from voxjax.refinement.residuals.terms import Level
 from voxjax.refinement.solve.joint import solve_joint
-from voxjax.refinement.solve.joint_equations import relative_pose
 
 KINDS = {
     "planes": {"planes": 1.0},
@@ -30,33 +26,9 @@ KINDS = {
 }
 LOOP = [(0, 1), (1, 2), (2, 0)]
 POINTS = 256
+
+
 ONE_LEVEL = {"max_distance": VOXEL, "final_distance": VOXEL, "num_points": POINTS}
-
-
-@pytest.fixture(scope="module")
-def grids(room):
-    """A room in three frames, the first of which is the world."""
-    T = random_pose(np.random.default_rng(5), metres=3, degrees=40)
-    return [room[0], room[1], room[0].transformed(np.linalg.inv(T))], [np.eye(4), room[2], T]
-
-
-@pytest.fixture(scope="module")
-def maps(prepared, grids):
-    return [*prepared, prepare_map(grids[0][2])]
-
-
-@pytest.fixture(scope="module")
-def truth(grids):
-    return grids[1]
-
-
-def starts_near(truth, maps, seed, *, metres, degrees):
-    rng = np.random.default_rng(seed)
-    near = [
-        nudged(T, each.centroid, rng, metres=metres, degrees=degrees)
-        for T, each in zip(truth, maps, strict=True)
-    ]
-    return [truth[0], *near[1:]]
 
 
 def with_log_odds(grid, odds=None):
@@ -64,38 +36,6 @@ def with_log_odds(grid, odds=None):
     return vx.VoxelGrid(grid.states, grid.origin, grid.voxel_size, odds)
 
 
-def test_the_cost_is_that_of_the_pairs(maps, truth):
-    level = Level(jnp.float32(VOXEL), jnp.int32(0))
-    options = {"residuals": KINDS["all"], "num_points": 2 * POINTS}
-    cost = jax.jit(lambda problem, poses: problem.cost(poses, level))
-    joint = joint_problem(maps, LOOP, np.arange(3) == 0, **options)
-    pairs = [pose_problem(maps[a], maps[b], both_ways=True, **options) for a, b in LOOP]
-    for seed, metres in enumerate((0.0, 0.1, 0.5)):
-        near = starts_near(truth, maps, seed, metres=metres, degrees=10 * metres)
-        poses = jnp.asarray(np.stack(near), jnp.float32)
-        expected = [
-            float(cost(pair, relative_pose(poses[a], poses[b])))
-            for pair, (a, b) in zip(pairs, LOOP, strict=True)
-        ]
-        assert min(expected) > 0.01
-        np.testing.assert_allclose(cost(joint, poses), sum(expected), rtol=1e-5)
-
-
-def test_pairs_read_one_table_of_each_kind(maps):
-    problem = joint_problem(maps, LOOP, np.arange(3) == 0, residuals=KINDS["all"], num_points=POINTS)
-    (group,) = problem.edges
-    terms: Any = group.common.terms
-    planes, distances, opinions = (terms[2 * k : 2 * k + 2] for k in range(3))
-    tables = [term.surface.keys for term in planes] + [term.surface.points for term in planes]
-    tables += [term.field.rows for term in (*distances, *opinions)]
-    tables += [term.field.values for term in (*distances, *opinions)]
-    assert all(table is not None for table in tables)
-    assert len({id(table) for table in tables}) == 6
-    stacked = [leaf.size for leaf in jax.tree.leaves(group.own)]
-    assert max(stacked) == 3 * 3 * POINTS
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("soft", [False, True])
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_two_maps_end_where_a_pair_does(maps, grids, truth, kind, soft):
@@ -162,7 +102,6 @@ def test_far_starts_are_led_together_along_coarser_maps(maps, truth):
     assert led[:, 0].max() < 0.3
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "reverse"),
     [
@@ -186,23 +125,23 @@ def test_log_odds_of_three_maps_in_a_loop_in_float64(grids, maps, truth, kind, r
             return solve_joint(problem, start, scales).poses[1:, :3]
 
         def along(step):
-            return jax.jvp(refined, ([o + step * way for o, way in zip(odds, ways, strict=True)],), (ways,))
+            return derivatives_at(
+                refined, [o + step * way for o, way in zip(odds, ways, strict=True)], ways, pull
+            )
 
         # Along a longer step points meet other planes; a shorter one shows that solutions are good to 1e-10 m.
         step = 1e-5 if "planes" in KINDS[kind] else 3e-4
-        (high, _), (low, _), (_, found) = (along(at) for at in (step, -step, 0.0))
+        pull = jnp.asarray(rng.normal(size=(2, 3, 4))) if reverse else None
+        (high, *_), (low, *_), (_, found, back) = (along(at) for at in (step, -step, 0.0))
         expected = (high - low) / (2 * step)
         size = float(jnp.abs(expected).max())
         assert size > 1e-4
         np.testing.assert_allclose(found, expected, atol=1e-3 * size)
         if reverse:
-            pull = jnp.asarray(rng.normal(size=found.shape))
-            (back,) = jax.vjp(refined, odds)[1](pull)
             total = sum(float(jnp.sum(part * way)) for part, way in zip(back, ways, strict=True))
             np.testing.assert_allclose(total, float(jnp.sum(pull * found)), rtol=1e-6)
 
 
-@pytest.mark.slow
 def test_gradients_reach_the_log_odds_through_the_public_verb(grids, maps, truth):
     """Forward and reverse; also from the solution, which is kept once no better one is found."""
     starts = starts_near(truth, maps, 8, metres=0.05, degrees=0.5)
