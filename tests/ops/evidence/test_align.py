@@ -1,7 +1,10 @@
+import contextlib
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from device_path import device_path
 from oracles.motions import pose_of
 from voxjax.ops.evidence.align import align_poses
 from voxjax.ops.evidence.nearest import nearest_field
@@ -47,9 +50,11 @@ def align(box, poses, weights=None):
     )
 
 
-def test_poses_a_few_voxels_and_degrees_off_come_back(box):
+@pytest.mark.parametrize("form", [contextlib.nullcontext, device_path])
+def test_poses_a_few_voxels_and_degrees_off_come_back(box, form):
     starts = np.stack([start(box[2], 4.0, 0.2, seed) for seed in range(6)])
-    found = align(box, starts)
+    with form():
+        found = align(box, starts)
     centre = box[2].mean(0)
     for T in found:
         assert np.linalg.norm(T[:3, :3] @ centre + T[:3, 3] - centre) < 0.01

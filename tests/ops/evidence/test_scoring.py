@@ -1,6 +1,9 @@
+import contextlib
+
 import numpy as np
 import pytest
 
+from device_path import device_path
 from oracles.evidence import evidence_of_point
 from voxjax.ops.evidence.nearest import nearest_field
 from voxjax.ops.evidence.scoring import evidence_codes, score_poses, surface_evidence
@@ -37,13 +40,15 @@ def some_poses(rng):
     return poses
 
 
-def test_score_equals_the_definition(room):
+@pytest.mark.parametrize("form", [contextlib.nullcontext, device_path])
+def test_score_equals_the_definition(room, form):
     rng = np.random.default_rng(1)
     _, _, codes, block = block_of(room)
     points = rng.uniform(-1, 2, (80, 3)).astype(np.float32)
     weights = rng.random(80).astype(np.float32)
     poses = some_poses(rng)
-    found = np.asarray(score_poses(codes, *block, points, weights, poses))
+    with form():
+        found = np.asarray(score_poses(codes, *block, points, weights, poses))
     for T, sums in zip(poses.astype(np.float64), found, strict=True):
         names = [evidence_of_point(room, ORIGIN, VOXEL, T[:3, :3] @ p + T[:3, 3], 2, 4) for p in points]
         expected = [weights[np.asarray(names) == n].sum() for n in ("hit", "conflict", "neutral")]

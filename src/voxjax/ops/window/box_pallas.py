@@ -9,6 +9,11 @@ Classifying reads the grid and, only where a block of voxels has an occupied one
 
 The backend is named explicitly, since what `pallas_call` chooses by itself differs between versions of JAX. It was run
 in interpret mode and lowered for CUDA, but not yet measured on a GPU.
+
+JAX has announced the end of the Triton backend. Nothing chooses these kernels by itself: the whole-array forms of `box`
+and `classes` run on every device, and where the backend is missing `implementation="pallas"` says so. There is no
+form for its successor, Mosaic GPU: that backend loads whole tiles, not elements at computed places, and needs another
+kernel.
 """
 
 import importlib
