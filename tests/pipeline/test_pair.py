@@ -9,6 +9,7 @@ import pytest
 import voxjax as vx
 from small_worlds import FURNITURE, OTHER_FURNITURE, OTHER_ROOMS, draw_map, pose
 from voxjax.metrics import pose_error
+from voxjax.pipeline import pair
 from voxjax.pipeline.config import Config
 from voxjax.pipeline.features import features_at, working_voxel_size
 from voxjax.pipeline.pair import register_features
@@ -158,6 +159,32 @@ def test_nothing_proposed_is_an_outcome(maps):
     found = vx.register(maps[0], maps[1], config=nothing)
     assert found.verdict == "no_overlap"
     assert found.hypotheses == ()
+
+
+def test_settings_reach_the_stages(maps, registration):
+    one = vx.register(maps[0], maps[1], config={"leader": {"num_leaders": 1}})
+    assert len(one.hypotheses) == 1 < len(registration.hypotheses)
+    strict = vx.register(
+        maps[0], maps[1], config={"verdict": {"min_support": 1.0}, "pose": {"num_points": 64}}
+    )
+    assert strict.verdict == "ambiguous"
+    assert not np.array_equal(strict.T_a_b, registration.T_a_b)
+    few = vx.register(maps[0], maps[1], config={"source": {"max_rotations": 1, "num_peaks": 3}})
+    assert few.stats["num_rotations"] == 1
+
+
+def test_settings_reach_the_paper_method(maps, monkeypatch):
+    taken = {}
+
+    def register_paper(a, b, settings, *, conflict_weight):
+        taken.update(settings=settings, conflict_weight=conflict_weight)
+        return vx.register(grid_of(np.ones((2, 2, 2), np.uint8)), b)
+
+    monkeypatch.setattr(pair, "register_paper", register_paper)
+    tables = {"paper": {"max_nodes": 77}, "evidence": {"conflict_weight": 4.0}}
+    vx.register(maps[0], maps[1], preset="paper", config=tables)
+    assert taken["settings"].max_nodes == 77
+    assert taken["conflict_weight"] == 4.0
 
 
 def grid_of(states):

@@ -45,7 +45,8 @@ def register(
         a: The map whose frame the pose maps into.
         b: The map that is moved; the voxel sizes may differ.
         preset: "default", or "paper" for the published method alone.
-        config: Settings of the stages of the default preset: a `Config`, nested tables, or None for the defaults.
+        config: Settings of the stages: a `Config`, nested tables, or None for the defaults. The preset "paper" reads
+            the groups `paper` and `evidence` alone.
         gravity_aligned: The z axes of both maps point up, so that only yaw is unknown; default preset only.
         init_guess: A (4, 4) `T_a_b` that is tried as one more hypothesis; default preset only.
         guess_uncertainty: Bounds around the guess: poses that put map b's centroid farther from where the guess puts it
