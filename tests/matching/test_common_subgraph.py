@@ -9,7 +9,6 @@ from oracles.motions import moved, random_pose
 from voxjax import RESULTS, InputError, consistency_graph, maximum_common_subgraph
 from voxjax.matching.backtracking import EARLY_COST, backtrack
 from voxjax.matching.common_subgraph import subgraph_from_graph
-from voxjax.matching.early_transform import close_corners
 
 
 def clouds(seed, n, m, shared, noise=0.0):
@@ -82,16 +81,6 @@ def test_the_early_transform_recovers_what_five_matches_imply():
     exact = maximum_common_subgraph(corners_at(a), corners_at(b), distance_tolerance=0.15)
     assert found.num_nodes < 10 * EARLY_COST + 10_000
     assert len(found) >= len(exact)
-
-
-def test_close_corners_carry_b_into_a_and_keep_the_matches():
-    a, b, T = clouds(5, 12, 12, 9)
-    matches = np.array([[k, k] for k in range(5)], np.int32)
-    extend = close_corners(a, b, np.ones(12, bool), np.ones(12, bool), 0.1)
-    scheme = extend(matches)
-    assert {tuple(p) for p in scheme.tolist()} >= {(k, k) for k in range(9)}
-    gaps = np.linalg.norm(moved(T, b[scheme[:, 1]]) - a[scheme[:, 0]], axis=1)
-    assert gaps.max() < 0.11
 
 
 def test_the_early_transform_is_asked_at_five_matches_only():

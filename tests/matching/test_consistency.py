@@ -11,7 +11,7 @@ from oracles.matching import angle_between, consistency, distance_gaps, rotation
 from oracles.motions import moved, random_pose
 from voxjax import InputError, consistency_graph
 from voxjax.features.types import KIND_UNKNOWN
-from voxjax.matching.associations import all_associations, same_kind
+from voxjax.matching.associations import all_associations
 from voxjax.matching.compatibility import distance_consistency
 from voxjax.matching.consistency import pairwise_consistency
 
@@ -160,8 +160,6 @@ def test_normals_agree_where_the_three_angles_do():
 
 def test_kinds_filter_candidates_but_unknown_kinds_match_all():
     kinds_a, kinds_b = np.array([0, 1, KIND_UNKNOWN], np.uint8), np.array([1, 0], np.uint8)
-    kept = same_kind(everything(3, 2), kinds_a, kinds_b)
-    assert kept.tolist() == [[0, 1], [1, 0], [2, 0], [2, 1]]
     graph = consistency_graph(
         corners_at(np.eye(3), convexity=kinds_a),
         corners_at(np.eye(3)[:2], convexity=kinds_b),
@@ -183,7 +181,7 @@ def test_sizes_on_one_rung_compile_once():
         for n in (9, 10, 11):
             a = rng.uniform(0, 4, (n, 3))
             pairwise_consistency(a, a, everything(n, n)[:90], distance_tolerance=0.1)
-    assert found[distance_consistency.__name__] <= 1
+    assert found["distance_consistency"] <= 1
 
 
 def test_kernel_runs_under_vmap():

@@ -7,13 +7,6 @@ from ..planes.extract import PlaneMap
 from ..planes.segments import plane_of_segments
 from ..planes.triples import PlaneTriples
 
-_ELEMENTS_A_SAMPLE = 16.0
-"""Surface elements that share one error: what noise and drift do to a wall is alike over some four voxels each way."""
-
-_SYSTEMATIC = 0.18
-"""Standard deviation [voxel] that no averaging removes: rounding to the grid (0.29 for a face that lies along it,
-less for others) and drift of the mapper between the scans that saw a face."""
-
 
 def corner_covariance(plane_map: PlaneMap, triples: PlaneTriples) -> Float32[np.ndarray, "m 3 3"]:
     """Covariance of the points where three planes meet [m^2].
@@ -26,6 +19,11 @@ def corner_covariance(plane_map: PlaneMap, triples: PlaneTriples) -> Float32[np.
         plane_map: The planes with their support.
         triples: Three planes and the point where they meet, for each corner.
     """
+    # Surface elements that share one error: what noise and drift do to a wall is alike over some four voxels each way.
+    elements_a_sample = 16.0
+    # Standard deviation [voxel] that no averaging removes: rounding to the grid (0.29 for a face that lies along it,
+    # less for others) and drift of the mapper between the scans that saw a face.
+    systematic = 0.18
     voxel = plane_map.voxel_size
     num = int(plane_map.planes.num_found)
     if not len(triples.planes):
@@ -34,14 +32,14 @@ def corner_covariance(plane_map: PlaneMap, triples: PlaneTriples) -> Float32[np.
         plane_map.points.astype(np.float64) / voxel, plane_map.normals, plane_map.labels, num
     )
     spread, axes = np.linalg.eigh(support.covariance)
-    samples = np.maximum(support.count / _ELEMENTS_A_SAMPLE, 1.0)
+    samples = np.maximum(support.count / elements_a_sample, 1.0)
     # The two directions in the plane; a voxel's own width keeps thin strips from being lines.
     width = spread[:, 1:] + 1.0 / 12.0
     rows = triples.planes
     away = triples.position[:, None, :] / voxel - support.centroid[rows]
     leverage = np.einsum("mki,mkij->mkj", away, axes[rows][..., 1:]) ** 2 / width[rows]
     noise = (support.rms**2 + 1.0 / 12.0)[rows] / samples[rows] * (1.0 + leverage.sum(axis=-1))
-    variance = noise + _SYSTEMATIC**2
+    variance = noise + systematic**2
     inverse = np.linalg.inv(np.asarray(plane_map.planes.normal, np.float64)[rows])
     covariance = np.einsum("mik,mk,mjk->mij", inverse, variance, inverse)
     return (covariance * voxel**2).astype(np.float32)

@@ -20,8 +20,6 @@ MAX_SEARCH_NODES = 3_000_000
 EARLY_COST = 200
 """An early transform takes as long as so many nodes (measured: 100 to 500), and counts as them."""
 
-EARLY_COUNT = 5
-"""Section IV.C: a first transform is calculated when there are five matches."""
 
 Extend = Callable[[np.ndarray], np.ndarray]
 """Takes five matches (5, 2) and gives the scheme (k, 2) that their transform leads to."""
@@ -153,12 +151,14 @@ class _Backtracking:
 
     def _match(self, top: _Row) -> None:
         """The next compatible candidate of the row joins M."""
+        # Section IV.C: a first transform is calculated when there are five matches.
+        early_count = 5
         bit = (top.untried & -top.untried).bit_length() - 1
         top.untried &= top.untried - 1
         self.num_nodes += 1
         self.matches.append(bit)
         top.is_matched = True
-        if self.extend is not None and len(self.matches) >= EARLY_COUNT:
+        if self.extend is not None and len(self.matches) >= early_count:
             self._extend(self.extend)
         else:
             self._advance(top.row, top.allowed & self.compatible[bit] & self.later[top.row])

@@ -22,8 +22,6 @@ DISTANCE_TOLERANCE = 0.2
 MAX_ASSOCIATIONS = 32768
 """More would take over a gigabyte; choose candidates first."""
 
-_EDGE_CHUNK = 1 << 18
-
 
 class ConsistencyGraph(eqx.Module):
     """Graph whose nodes are associations and whose edges say that two of them can hold together.
@@ -170,11 +168,12 @@ def _gather(rows: Array, index: np.ndarray, size: int) -> np.ndarray:
 
 def _keep_edges(adjacency: np.ndarray, agree) -> None:
     """Clear, in place, the edges that `agree` rejects; asks in chunks of one fixed shape."""
+    # One chunk after the other: what one writes down in between is many times as large as its edges.
+    edge_chunk = 1 << 18
     edges = np.argwhere(np.triu(adjacency)).astype(np.int32)
     if len(edges) == 0:
         return
-    # One chunk after the other: what one writes down in between is many times as large as its edges.
-    is_kept = over_pieces(lambda chunk, _: agree(chunk), [edges], size=_EDGE_CHUNK, run=one_by_one)
+    is_kept = over_pieces(lambda chunk, _: agree(chunk), [edges], size=edge_chunk, run=one_by_one)
     i, j = edges[~is_kept].T
     adjacency[i, j] = False
     adjacency[j, i] = False

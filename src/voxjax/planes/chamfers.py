@@ -13,12 +13,6 @@ from .grow import keep_large
 from .segments import SegmentPlanes, plane_of_segments
 from .surface import Surface
 
-_MAX_ALONG_EDGE = 0.35
-"""Largest cosine between a chamfer's normal and the edge (20 degrees off the right angle)."""
-
-_MAX_FACES_COSINE = 0.94
-"""Faces that make an edge differ by 20 degrees at least; chamfers of flatter edges do no harm."""
-
 
 def drop_chamfers(
     surface: Surface, labels: Int32[np.ndarray, "n"], *, reach: float, max_beyond: float = 0.1
@@ -54,6 +48,10 @@ def _edges_beside(
     planes: SegmentPlanes, first: np.ndarray, second: np.ndarray, narrow: np.ndarray
 ) -> Int[np.ndarray, "m 3"]:
     """Triples of a narrow segment and two neighbours between whose normals its own leads."""
+    # Largest cosine between a chamfer's normal and the edge (20 degrees off the right angle).
+    max_along_edge = 0.35
+    # Faces that make an edge differ by 20 degrees at least; chamfers of flatter edges do no harm.
+    max_faces_cosine = 0.94
     found = []
     for segment in narrow:
         beside = second[first == segment]
@@ -66,7 +64,7 @@ def _edges_beside(
     # Coordinates of the normal along the two others, but for a positive factor.
     to_a, to_b = np.einsum("ij,ij->i", own, a), np.einsum("ij,ij->i", own, b)
     is_between = (to_a > cosine * to_b) & (to_b > cosine * to_a)
-    return triples[is_between & (along < _MAX_ALONG_EDGE) & (np.abs(cosine) < _MAX_FACES_COSINE)]
+    return triples[is_between & (along < max_along_edge) & (np.abs(cosine) < max_faces_cosine)]
 
 
 def _share_beyond(

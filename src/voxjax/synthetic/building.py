@@ -9,8 +9,6 @@ from .layout import DOOR_HEIGHT, WALL_THICKNESS, Plan, Wall, make_plan
 from .prisms import Prisms, join_prisms, make_prisms, rectangle
 from .true_corners import TrueCorners, find_true_corners
 
-SLAB_THICKNESS = 0.25
-
 
 @dataclass(frozen=True)
 class Building:
@@ -155,11 +153,12 @@ def _clear_of(pieces: list[list[Item]], kept: list[list[Item]]) -> list[list[Ite
 
 def _assemble(plan: Plan, height: float, furniture: list[list[Item]]) -> Building:
     """Make the solids and find their corners."""
+    slab_thickness = 0.25
     parts = [part for wall in plan.walls for part in _wall_parts(wall, height)]
     row_ends = np.asarray([p for wall in plan.walls for p in (wall.start, wall.end)])
     low, high = row_ends.min(axis=0) - WALL_THICKNESS, row_ends.max(axis=0) + WALL_THICKNESS
     slab = rectangle(0.5 * (low + high), high[0] - low[0], high[1] - low[1], 0.0)
-    parts += [(slab, -SLAB_THICKNESS, 0.0, "floor"), (slab, height, height + SLAB_THICKNESS, "ceiling")]
+    parts += [(slab, -slab_thickness, 0.0, "floor"), (slab, height, height + slab_thickness, "ceiling")]
     parts += [(i.footprint, i.bottom, i.top, "furniture") for piece in furniture for i in piece]
     return Building(plan, height, furniture, make_prisms(parts), find_true_corners(plan, height, furniture))
 

@@ -7,9 +7,6 @@ from .. import rigid
 from ..grid import VoxelGrid
 from .true_corners import TrueCorners
 
-_REACH = 0.35  # how far along its faces a corner is looked at [m]
-_FEWEST_VOXELS = 3
-
 
 def observed_corners(corners: TrueCorners, grid: VoxelGrid, T_world_map: np.ndarray | None) -> np.ndarray:
     """Which corners have occupied voxels on all three faces beside them, and free space.
@@ -29,7 +26,8 @@ def observed_corners(corners: TrueCorners, grid: VoxelGrid, T_world_map: np.ndar
     position = corners.position @ T_map_world[:3, :3].T + T_map_world[:3, 3]
     normals = corners.normals @ T_map_world[:3, :3].T
     points = grid.occupied_points().astype(np.float64)
-    reach = max(_REACH, 4.0 * grid.voxel_size)
+    # How far along its faces a corner is looked at [m]; coarse maps need a few voxels of them.
+    reach = max(0.35, 4.0 * grid.voxel_size)
     nearby = KDTree(points).query_ball_point(position, reach)
     for i, indices in enumerate(nearby):
         seen[i] = _shows_faces(points[indices] - position[i], normals[i], grid.voxel_size)
@@ -43,7 +41,8 @@ def observed_corners(corners: TrueCorners, grid: VoxelGrid, T_world_map: np.ndar
 
 def _shows_faces(offsets: np.ndarray, normals: np.ndarray, voxel_size: float) -> bool:
     """Whether each face has voxels within one voxel of its plane and farther from both others."""
+    fewest_voxels = 3
     distance = np.abs(offsets @ normals.T)
     is_near = distance < voxel_size
     alone = is_near & (is_near.sum(axis=1, keepdims=True) == 1)
-    return bool((alone.sum(axis=0) >= _FEWEST_VOXELS).all())
+    return bool((alone.sum(axis=0) >= fewest_voxels).all())

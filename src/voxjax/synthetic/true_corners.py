@@ -8,8 +8,6 @@ from .furniture import Item
 from .layout import WALL_THICKNESS, Plan, Wall
 from .prisms import make_prisms
 
-_SMALLEST_EDGE = 0.25  # shorter edges leave faces of a voxel or two, which no map shows as planes [m]
-
 _UP = np.asarray([0.0, 0.0, 1.0])
 
 
@@ -57,8 +55,10 @@ def _room_corners(polygon: np.ndarray, height: float) -> list[tuple[np.ndarray, 
 
 def _item_corners(item: Item, height: float) -> list[tuple[np.ndarray, np.ndarray]]:
     """The vertices of a box that stands on the floor."""
+    # Shorter edges leave faces of a voxel or two, which no map shows as planes [m].
+    smallest_edge = 0.25
     edges = np.linalg.norm(np.roll(item.footprint, -1, axis=0) - item.footprint, axis=-1)
-    if min(edges.min(), item.top - item.bottom) < _SMALLEST_EDGE:
+    if min(edges.min(), item.top - item.bottom) < smallest_edge:
         return []
     outward = make_prisms([(item.footprint, item.bottom, item.top, "furniture")]).side_normals[0]
     if item.is_at_wall:  # the wall's own face takes the place of the side that touches it

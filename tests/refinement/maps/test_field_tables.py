@@ -4,7 +4,7 @@ import numpy as np
 from scipy import ndimage
 
 from voxjax.maps.prepared import FIELD_RADIUS
-from voxjax.refinement.maps.field_tables import BAND_SQ, distance_field_of, opinion_field_of
+from voxjax.refinement.maps.field_tables import distance_field_of, opinion_field_of
 from voxjax.refinement.maps.parts import surface_of
 from voxjax.refinement.maps.views import hard_view
 
@@ -21,7 +21,7 @@ def test_opinions_are_the_states_but_unknown_far_from_surfaces(prepared):
     expected = np.where(states == 2, 1.0, np.where(states == 1, -1.0, 0.0))
     field = opinion_field_of(prepared[0])
     np.testing.assert_array_equal(values_of(field, grid), expected)
-    near = ndimage.distance_transform_edt(states != 2) ** 2 <= BAND_SQ + 1e-6
+    near = ndimage.distance_transform_edt(states != 2) ** 2 <= 3.0**2 + 1e-6
     # Free voxels beyond the band share one value, so that a derivative is as short as the surface.
     far = np.asarray(field.rows)[: states.size].reshape(grid.shape)[(states == 1) & ~near]
     assert far.size > 0

@@ -4,9 +4,6 @@ import time
 from dataclasses import dataclass, field
 from typing import Literal
 
-_NODES_A_LOOK = 64
-"""Nodes between two looks at the clock; they take a few milliseconds."""
-
 
 @dataclass
 class Budget:
@@ -28,10 +25,12 @@ class Budget:
 
     def spend(self) -> bool:
         """Count one node; False once a limit is hit."""
+        # Nodes between two looks at the clock; they take a few milliseconds.
+        nodes_a_look = 64
         self.num_nodes += 1
         if self.num_nodes > self.max_nodes:
             self.stopped_by = "nodes"
-        elif self.num_nodes % _NODES_A_LOOK == 0:
+        elif self.num_nodes % nodes_a_look == 0:
             self.look()
         return self.stopped_by is None
 

@@ -3,8 +3,6 @@
 import numpy as np
 
 NUM_STARTS = 32
-_NUM_TRIED = 96
-"""Nodes of highest degree whose triangles are counted before any clique is grown."""
 
 
 def greedy_clique(
@@ -52,8 +50,10 @@ def quick_clique(rows: np.ndarray, edges: np.ndarray, num_starts: int = 4) -> np
         edges: Edges (e, 2), at least one.
         num_starts: Nodes to start from.
     """
+    # Nodes of highest degree whose triangles are counted before any clique is grown.
+    num_tried = 96
     degree = np.bincount(edges.reshape(-1), minlength=len(rows))
-    tried = np.argsort(-degree, kind="stable")[:_NUM_TRIED]
+    tried = np.argsort(-degree, kind="stable")[:num_tried]
     triangles = np.zeros(len(tried), np.int64)
     neighbours = []
     for k, v in enumerate(tried):

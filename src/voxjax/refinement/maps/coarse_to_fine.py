@@ -17,14 +17,9 @@ from ..solve.equations import move_about
 START_DISTANCE, FINAL_DISTANCE = 4.0, 1.0
 """Robust scale of the first and of the last level [voxel]."""
 
-LEVELS_PER_OCTAVE = 2
-"""Levels while the robust scale halves."""
 
 COARSE_POINTS = 2048
 """Voxels of coarsened maps to use."""
-
-SIDE_TURN = 20.0
-"""Turns about each axis from which far starts are led as well [degrees]."""
 
 
 class CoarseLevel(NamedTuple):
@@ -55,7 +50,9 @@ def checked_distances(
 
 def robust_scales(first: float, last: float) -> Float[np.ndarray, "levels"]:
     """Robust scale of each level, falling [m]."""
-    num_levels = max(int(np.ceil(LEVELS_PER_OCTAVE * np.log2(first / last) - 1e-6)), 1)
+    # Levels while the robust scale halves.
+    levels_per_octave = 2
+    num_levels = max(int(np.ceil(levels_per_octave * np.log2(first / last) - 1e-6)), 1)
     return np.geomspace(last, first, num_levels)[::-1].astype(np.float32)
 
 
@@ -94,7 +91,9 @@ def turned(T_a_b: Float[Array, "4 4"], centroid: Float[Array, "3"]) -> Float[Arr
 
     Far turns end in other valleys more often than far shifts: far starts are led with turned ones.
     """
-    turns = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)]) * np.radians(SIDE_TURN)
+    # Turns about each axis from which far starts are led as well [degrees].
+    side_turn = 20.0
+    turns = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)]) * np.radians(side_turn)
     tangents = np.concatenate([np.zeros_like(turns), turns], axis=1).astype(T_a_b.dtype)
     return jax.vmap(move_about, in_axes=(None, None, 0))(T_a_b, jnp.asarray(centroid), jnp.asarray(tangents))
 

@@ -14,9 +14,6 @@ from ..residuals.distance import plane_distances
 from ..residuals.fields import Field
 from ..residuals.planes import NearestSurface
 
-BAND_SQ = 9
-"""Opinions of voxels within three voxels of a surface are told apart; beyond, free is free."""
-
 LEAST_VALUES = 1 << 16
 """Values of the shortest field; lengths climb in wide steps, so that maps share compiled kernels."""
 
@@ -61,9 +58,11 @@ def opinion_field_of(prepared: PreparedMap, said: Float[Array, "x y z"] | None =
         said: Opinions of all voxels of its grid (see `residuals.occupancy.opinion`); they may be traced. None takes
             the states.
     """
+    # Opinions of voxels within three voxels of a surface are told apart; beyond, free is free.
+    band_sq = 9
     states = np.asarray(prepared.grid.states).reshape(-1)
     keys = _keys(prepared)
-    is_near = (keys != NOTHING_NEAR) & (np.asarray(split_keys(keys)[1]) <= BAND_SQ)
+    is_near = (keys != NOTHING_NEAR) & (np.asarray(split_keys(keys)[1]) <= band_sq)
     cells = np.flatnonzero(is_near)
     length = wide_bucket_size(len(cells), LEAST_VALUES)
     if said is None:

@@ -19,12 +19,6 @@ from ...ops.evidence.nearest import NOTHING_NEAR
 from ..residuals.terms import Term
 from ..solve.joint_equations import relative_pose
 
-OVERLAP_POINTS = 1024
-"""Voxels of each map that are looked up in another to see whether they overlap."""
-
-MIN_SHARE = 0.1
-"""Two maps overlap if so many of the voxels of one, by leverage, are within reach of the other's surfaces."""
-
 Pair = tuple[int, int]
 
 
@@ -87,6 +81,8 @@ def with_named(pairs: Sequence[Pair], named: Collection[Pair]) -> list[Pair]:
 
 def overlapping_pairs(maps: Sequence[PreparedMap | None], poses: Float[np.ndarray, "maps 4 4"]) -> list[Pair]:
     """Pairs (a, b), a < b, of maps that overlap under the poses, by the greater share of the two ways."""
+    # Two maps overlap if so many of the voxels of one, by leverage, are within reach of the other's surfaces.
+    min_share = 0.1
     filled = {number: prepared for number, prepared in enumerate(maps) if prepared is not None}
     points = {number: _points(prepared) for number, prepared in filled.items()}
 
@@ -95,7 +91,7 @@ def overlapping_pairs(maps: Sequence[PreparedMap | None], poses: Float[np.ndarra
         return float(_share_in_reach(filled[a].keys, filled[a].block, T_a_b, points[b]))
 
     return [
-        (a, b) for a, b in itertools.combinations(filled, 2) if max(share(a, b), share(b, a)) >= MIN_SHARE
+        (a, b) for a, b in itertools.combinations(filled, 2) if max(share(a, b), share(b, a)) >= min_share
     ]
 
 
@@ -124,4 +120,6 @@ def _share_in_reach(keys: Array, block: tuple[Array, Array, Array], T_a_b: Array
 
 
 def _points(prepared: PreparedMap) -> np.ndarray:
-    return np.asarray(prepared.points)[sample_rows(prepared, OVERLAP_POINTS)]
+    # Voxels of each map that are looked up in another to see whether they overlap.
+    overlap_points = 1024
+    return np.asarray(prepared.points)[sample_rows(prepared, overlap_points)]

@@ -20,9 +20,6 @@ from ..residuals.planes import NearestSurface
 from .field_tables import LEAST_VALUES
 from .parts import Target
 
-LEAST_ROWS = 1 << 14
-"""Rows of the shortest lists of voxels that are weighed; lengths climb in wide steps."""
-
 
 def in_common_tables(targets: Sequence[Target], maps: Sequence[PreparedMap]) -> list[Target]:
     """Targets with their surfaces and fields in common tables of few lengths; differentiable in what is traced.
@@ -55,10 +52,12 @@ def _surfaces(
     surfaces: Sequence[NearestSurface], sizes: Sequence[int], counts: Sequence[int]
 ) -> list[AtlasSurface]:
     """One after the other: keys of as many cells and lists of as many rows as each map has."""
+    # Rows of the shortest lists of voxels that are weighed; lengths climb in wide steps.
+    least_rows = 1 << 14
     num_cells, num_rows = table_lengths(sum(sizes), sum(counts))
     is_soft = any(surface.trust is not None for surface in surfaces)
     if is_soft:  # derivatives are as long
-        num_rows = wide_bucket_size(sum(counts), LEAST_ROWS)
+        num_rows = wide_bucket_size(sum(counts), least_rows)
     first_cells, first_rows = _firsts(sizes), _firsts(counts)
 
     def keys(surface: NearestSurface, size: int, row: int) -> np.ndarray:

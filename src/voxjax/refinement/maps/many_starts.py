@@ -14,13 +14,6 @@ from ..._types import Array
 from ..solve.pose import RefinedPose, find_basins, problem_costs, solve_pose
 from ..solve.problem import PoseProblem
 
-SAME_SHIFT = 0.1
-"""Poses that differ by less than this [robust scale of the next level], at the centroid and at the map's radius, go on
-as one."""
-
-GROUP = 64
-"""Starts of one call at most; how many of them there are is no part of its shape."""
-
 
 def solve_starts(
     problem: PoseProblem, starts: Float[Array, "k 4 4"], scales: Float[Array, "levels"]
@@ -61,9 +54,11 @@ def solve_starts(
 
 def _grouped(kernel: Callable[..., Any], problem: PoseProblem, poses: np.ndarray) -> list[np.ndarray]:
     """What a kernel of a group of poses gives for any number of them: a part on each core, as host arrays."""
-    group = min(-(-len(poses) // num_cores()), GROUP)
+    # Starts of one call at most; how many of them there are is no part of its shape.
+    size = 64
+    group = min(-(-len(poses) // num_cores()), size)
 
-    found = over_pieces(partial(kernel, problem), [poses], size=GROUP, step=group, run=spread_solves)
+    found = over_pieces(partial(kernel, problem), [poses], size=size, step=group, run=spread_solves)
     return jax.tree.leaves(found)
 
 
@@ -82,6 +77,9 @@ def _basins(
     poses: Float[np.ndarray, "k 4 4"], problem: PoseProblem, scale: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """For each pose the number of its basin, and for each basin the row of its first pose."""
+    # Poses that differ by less than this [robust scale of the next level], at the centroid and at
+    # the map's radius, go on as one.
+    same_shift = 0.1
     centroid, radius = np.asarray(problem.centroid), float(problem.radius)
     images = poses[:, :3, :3] @ centroid + poses[:, :3, 3]
     basin, chosen = np.full(len(poses), -1), []
@@ -90,7 +88,7 @@ def _basins(
             continue
         shift = np.linalg.norm(images - images[row], axis=1)
         turn = np.linalg.norm(poses[:, :3, :3] - poses[row, :3, :3], axis=(1, 2)) / np.sqrt(2.0)
-        is_same = (basin < 0) & (np.maximum(shift, turn * radius) < SAME_SHIFT * scale)
+        is_same = (basin < 0) & (np.maximum(shift, turn * radius) < same_shift * scale)
         basin[is_same] = len(chosen)
         chosen.append(row)
     return basin, np.asarray(chosen)

@@ -17,9 +17,6 @@ from ..residuals.planes import MIN_PLANARITY, NearestSurface, Sample
 from .field_tables import distance_field_of, opinion_field_of
 from .views import MapView, hard_view
 
-NEAR_SQ = 4
-"""Free voxels up to two voxels from a surface say where it is not; farther ones agree under any small motion."""
-
 
 class Target(NamedTuple):
     """A map as points of another are held against it; None for what the kinds of residuals do not read.
@@ -116,12 +113,15 @@ def _said_points(view: MapView, num_points: int) -> tuple[Sample, Float[Array, "
 
     The occupied ones are drawn by leverage, the free ones evenly.
     """
+    # Free voxels up to two voxels from a surface say where it is not; farther ones agree under any
+    # small motion.
+    near_sq = 4
     prepared, dtype = view.prepared, view.anchors.dtype
     grid, count = prepared.grid, num_points // 2
     # Where nothing is near, the key gives a distance beyond all.
     _, distance_sq = split_keys(np.asarray(prepared.keys)[: grid.states.size])
     states = np.asarray(grid.states).reshape(-1)
-    free = np.flatnonzero((np.asarray(distance_sq) <= NEAR_SQ) & (states == FREE))
+    free = np.flatnonzero((np.asarray(distance_sq) <= near_sq) & (states == FREE))
     rows = sample_rows(prepared, num_points - (count if len(free) else 0))
     index = grid.occupied_index()[rows]
     if len(free):

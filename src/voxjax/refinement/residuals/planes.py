@@ -18,11 +18,6 @@ from .terms import Columns, Level, PointTerm, Term, dot, moved_columns
 SLIDE_WEIGHT = 0.1
 """How much a distance along the surface counts beside one across it: the grid rounds the former."""
 
-FAR_VOXELS = 5.0
-"""What a point without a match costs: an offset of so many voxels, the reach of the field."""
-
-MIN_COSINE = 0.5
-"""Surfaces whose normals differ by more than 60 degrees do not match."""
 
 MIN_PLANARITY = 0.3
 """Below it a normal says nothing about the side."""
@@ -112,6 +107,8 @@ def meet(
         normals: Normals of the points, not yet turned; of length 0 where there is no plane.
         rotation: The rotation that turns them.
     """
+    # Surfaces whose normals differ by more than 60 degrees do not match.
+    min_cosine = 0.5
     places = [(points[i] - surface.origin[i]) / surface.voxel_size for i in range(3)]
     is_valid = surface.voxel_size > 0
     is_near, row = nearest_rows(surface.keys, lambda: surface.block.cells_at(places), is_valid)
@@ -126,7 +123,7 @@ def meet(
     cosine = dot(normal, turn_columns(rotation, normals.T))
     cosine = jnp.where(surface.is_signed, cosine, jnp.abs(cosine))
     has_normals = (planarity > MIN_PLANARITY) & jnp.any(normals != 0.0, axis=-1)
-    is_match = is_near & ~(has_normals & (cosine < MIN_COSINE))
+    is_match = is_near & ~(has_normals & (cosine < min_cosine))
     trust = surface.trust
     if trust is not None:
         trust = jnp.where(is_match, entries(trust, row), jnp.ones_like(planarity))
@@ -163,7 +160,9 @@ class PointToPlane(Term):
 
     def holding(self, met: Meeting) -> "HeldPointToPlane":
         """See `Term`."""
-        far = jnp.asarray(self.surface.voxel_size * FAR_VOXELS)
+        # What a point without a match costs: an offset of so many voxels, the reach of the field.
+        far_voxels = 5.0
+        far = jnp.asarray(self.surface.voxel_size * far_voxels)
         return HeldPointToPlane(
             meeting=met,
             sample=self.sample,

@@ -13,9 +13,6 @@ from ..._types import Array
 from ...ops.evidence.lookup import turn_columns
 from .losses import Loss, robust_factor
 
-LEAST_WEIGHT = 1e-20
-"""Far below any weight, far above what float32 can hold."""
-
 Columns = Sequence[Float[Array, "n"]]
 """Points or vectors as x, y and z: arrays whose last axis is 3 leave most lanes of a CPU empty."""
 
@@ -145,4 +142,6 @@ def root_of_weights(weights: Float[Array, "*n"]) -> Float[Array, "*n"]:
     The cost of a point is its weight times a loss, whose derivative with respect to the weight is the loss, but the
     root alone has an infinite slope at 0.
     """
-    return jnp.sqrt(weights + jnp.asarray(LEAST_WEIGHT, weights.dtype))
+    # Far below any weight, far above what float32 can hold.
+    least_weight = 1e-20
+    return jnp.sqrt(weights + jnp.asarray(least_weight, weights.dtype))
