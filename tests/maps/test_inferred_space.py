@@ -27,6 +27,13 @@ def test_most_of_what_is_inferred_was_free_and_most_of_what_was_free_is_inferred
     np.testing.assert_array_equal(inferred == 2, states == 2)
 
 
+def test_short_rays_and_many_directions_infer_less():
+    grid = stripped(small_worlds.draw_map())
+    usual = infer_free_space(grid).num_free
+    assert infer_free_space(grid, reach=1.0).num_free < usual
+    assert infer_free_space(grid, min_directions=26).num_free < usual
+
+
 def test_what_is_known_stays():
     grid = small_worlds.draw_map()
     known = np.asarray(grid.states) != 0

@@ -12,13 +12,21 @@ import numpy as np
 from .._types import FREE, OCCUPIED, UNKNOWN
 from ..grid import VoxelGrid
 from ..ops.surface.enclosure import enclosing_directions
+from .settings import MapConfig
 
 
-def infer_free_space(grid: VoxelGrid) -> VoxelGrid:
+def infer_free_space(
+    grid: VoxelGrid,
+    *,
+    reach: float = MapConfig.inferred_reach,
+    min_directions: int = MapConfig.inferred_directions,
+) -> VoxelGrid:
     """The map with enclosed unknown voxels made free.
 
     Args:
         grid: Any map; what it knows stays as it is.
+        reach: Length of the rays [m].
+        min_directions: A place is enclosed if a surface lies in at least so many of the 26 directions.
 
     Returns:
         A map of the same shape, origin and voxel size.
@@ -26,10 +34,6 @@ def infer_free_space(grid: VoxelGrid) -> VoxelGrid:
     # Voxels that a cell is wide: an eighth of the work, and rays do not slip through surfaces one voxel
     # thin.
     cell = 2
-    # A place is enclosed if a surface lies in at least so many of the 26 directions.
-    min_directions = 20
-    # Length of the rays [m]: across a hall, not across a building.
-    reach = 12.0
     states = np.asarray(grid.states)
     cells = tuple(-(-n // cell) for n in states.shape)
     wide = np.zeros(tuple(cell * n for n in cells), bool)

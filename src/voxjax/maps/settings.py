@@ -17,6 +17,9 @@ class MapConfig(Settings, table="map"):
         usual_voxel_size: About the voxel size of fine maps after that [m]: the trials behind the evidence ran there.
         infer_free_space: Take what surfaces enclose for free in a map that records no free space
             (`maps/inferred_space.py`). Fusion never uses it.
+        inferred_reach: Length of the rays that look for surfaces around a place [m]: across a hall, not across a
+            building.
+        inferred_directions: A place is enclosed if a surface lies in at least so many of the 26 directions.
         min_inferred: Inferred free space is used where it lies before at least this share of the surfaces; in half a
             scan it would be on the wrong side of too many.
     """
@@ -25,4 +28,6 @@ class MapConfig(Settings, table="map"):
     fine_voxel_size: float = setting(0.075, low=0.0, high=1_000.0)
     usual_voxel_size: float = setting(0.1, above=0.0, high=1_000.0)
     infer_free_space: bool = setting(True)
+    inferred_reach: float = setting(12.0, above=0.0, high=1_000.0)
+    inferred_directions: int = setting(20, low=1, high=26)
     min_inferred: float = setting(0.75, low=0.0, high=1.0)

@@ -114,8 +114,11 @@ def _prepare(grid: VoxelGrid, settings: MapConfig) -> tuple[PreparedMap, str]:
     if grid.num_free:
         return prepare_map(grid), "observed"
     if settings.infer_free_space:
+        inferred = infer_free_space(
+            grid, reach=settings.inferred_reach, min_directions=settings.inferred_directions
+        )
         # How much of the surface has free space beside it is known only of the prepared map.
-        prepared = prepare_map(infer_free_space(grid))
+        prepared = prepare_map(inferred)
         if prepared.free_share >= settings.min_inferred:
             return prepared, "inferred"
     return prepare_map(grid), "unknown"
