@@ -11,6 +11,7 @@ import equinox as eqx
 import jax
 import pytest
 from jax import export
+from jax.core import Tracer
 
 from voxjax._runtime import placement
 
@@ -86,7 +87,7 @@ class Recorder:
     def _recorded(self, function: Callable[..., Any]) -> Callable[..., Any]:
         def call(*args: Any, **kwargs: Any) -> Any:
             arrays, static = eqx.partition((args, kwargs), eqx.is_array)
-            if not any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arrays)):
+            if not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arrays)):
                 name = f"{function.__module__}.{function.__qualname__} {static}"
                 self.calls.setdefault(name, (function, args, kwargs))
             return function(*args, **kwargs)

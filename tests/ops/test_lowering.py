@@ -17,7 +17,7 @@ from voxjax.ops.surface.neighbourhood import ball_sums, neighbourhood
 from voxjax.ops.surface.soft_planes import soft_planes
 
 
-def _of(dtype: Any, *shape: int) -> jax.ShapeDtypeStruct:
+def _of(dtype: Any, *shape: int) -> Any:
     return jax.ShapeDtypeStruct(shape, dtype)
 
 

@@ -23,7 +23,7 @@ def test_host_and_kernel_find_the_same_cells(shape: tuple[int, int, int], seed: 
     found, is_found = cells_on_host([row.copy() for row in places], shape)
     np.testing.assert_array_equal(is_found, np.asarray(is_inside))
     np.testing.assert_array_equal(found, np.asarray(cell))
-    expected = np.ravel_multi_index(tuple(np.floor(places).astype(int)), shape, mode="clip")
+    expected = np.asarray(np.ravel_multi_index(tuple(np.floor(places).astype(int)), shape, mode="clip"))
     np.testing.assert_array_equal(found[is_found], expected[is_found])
 
 

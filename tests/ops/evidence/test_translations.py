@@ -1,3 +1,4 @@
+# pyright: reportCallIssue=false
 """The search of all translations: both forms find the same best ones."""
 
 import numpy as np

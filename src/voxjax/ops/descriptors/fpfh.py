@@ -45,8 +45,8 @@ def surface_normals(
         return _normals_kernel(points, near, jnp.float32(radius))
     if on_host():
         return _normals(points, near, np.float32(radius), from_host=True)
-    found = _normals_kernel(*_on_ladder(near, points), jnp.float32(radius))
-    return tuple(np.asarray(rows)[: len(points)] for rows in found)
+    normals, variation = _normals_kernel(*_on_ladder(near, points), jnp.float32(radius))
+    return np.asarray(normals)[: len(points)], np.asarray(variation)[: len(points)]
 
 
 def _normals(points: Any, near: NearTiles, radius: Any, *, from_host: bool) -> tuple[Any, Any]:
@@ -153,10 +153,10 @@ def _histograms(
 _histograms_kernel = jax.jit(partial(_histograms, from_host=False), static_argnames="num_bins")
 
 
-def _on_ladder(near: NearTiles, *lists: np.ndarray) -> tuple[Any, ...]:
+def _on_ladder(near: NearTiles, *lists: Array) -> tuple[Any, ...]:
     """Lists of points padded to a rung of `bucket_size`, and their tiles with them: a kernel belongs to its shapes."""
     size = bucket_size(len(lists[0]), 512)
-    return *(pad_rows(rows, size) for rows in lists), padded_tiles(near, len(lists[0]), size)
+    return *(pad_rows(np.asarray(rows), size) for rows in lists), padded_tiles(near, len(lists[0]), size)
 
 
 @jax.jit

@@ -52,7 +52,8 @@ def mutual_nearest(
         [bucket_size(len(rows), 512) for rows in (descriptors_a, descriptors_b)],
     )
     padded = (pad_rows(np.asarray(rows), size) for rows, size in zip(given, 2 * sizes, strict=True))
-    return tuple(np.asarray(rows)[:count] for rows in mutual_nearest_kernel(*padded))
+    nearest, is_mutual, square = (np.asarray(rows)[:count] for rows in mutual_nearest_kernel(*padded))
+    return nearest, is_mutual, square
 
 
 def _mutual_nearest_on_host(

@@ -70,7 +70,7 @@ def cells_on_host(places: Iterable[np.ndarray], shape: Sequence[int]) -> tuple[n
         # Unsigned: what is below 0 is far above.
         is_inside = is_inside & (cell.view(np.uint32) < np.uint32(size))
         flat = flat * np.int32(size) + cell
-    return np.where(is_inside, flat, 0), is_inside
+    return np.where(is_inside, flat, 0), np.asarray(is_inside)
 
 
 def turned_on_host(rotation: np.ndarray, columns: np.ndarray) -> Iterator[np.ndarray]:

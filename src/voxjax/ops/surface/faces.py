@@ -77,7 +77,9 @@ def corner_faces(
     run = partial(_faces_kernel, first=first, last=last)
     shape = np.asarray(states.shape, np.int32)
     if are_numpy(states, position, normals):
-        return _faces_on_host(run, states.reshape(-1), shape, position, normals)
+        return _faces_on_host(
+            run, np.asarray(states).reshape(-1), shape, np.asarray(position), np.asarray(normals)
+        )
     return run(states.reshape(-1), shape, position, normals)
 
 

@@ -78,7 +78,7 @@ def surface_moments(
     """
     check_odd_window("size", size)
     if are_numpy(states, index):
-        return _moments_on_host(states, index.astype(np.int32, copy=False), size=size, reach=reach)
+        return _moments_on_host(np.asarray(states), np.asarray(index, np.int32), size=size, reach=reach)
     return _moments_kernel(jnp.asarray(states), jnp.asarray(index), size=size, reach=reach)
 
 
