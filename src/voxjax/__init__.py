@@ -1,6 +1,7 @@
 """voxjax: fuse 3D occupancy maps of several robots without knowing how the maps lie to each other.
 
-Names are loaded when they are first used, so that `import voxjax` costs nothing.
+Start at `register`, `fuse` and `merge`, which take and give `VoxelGrid` maps. Names are loaded when they are first
+used, so that `import voxjax` costs nothing.
 """
 
 from importlib import import_module

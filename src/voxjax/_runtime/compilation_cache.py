@@ -68,6 +68,7 @@ def use_compilation_cache(folder: str | os.PathLike | None = None) -> Path:
     """
     import jax
 
+    # It imports JAX, which whoever only asks for the folder need not wait for.
     from .programs import keep_programs
 
     path = default_cache_folder() if folder is None else Path(folder)

@@ -1,7 +1,8 @@
 """Poses that minimise residuals between maps, with derivatives of what the solution depends on.
 
-Everything here is pure functions of arrays, safe under jit, vmap and grad; what is decided on the host (which voxels,
-which fields) is in `voxjax.refinement.maps.pair`.
+`voxjax.refine` and `voxjax.refine_joint` are the verbs for maps; whoever brings terms of their own starts at
+`solve_pose`. Everything here is pure functions of arrays, safe under jit, vmap and grad; what is decided on the host
+(which voxels, which fields) is in `voxjax.refinement.maps.pair`.
 """
 
 from .residuals.distance import Distances

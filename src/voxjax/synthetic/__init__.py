@@ -1,4 +1,8 @@
-"""Generated worlds: buildings, robots that map them, and the truth to compare with."""
+"""Generated worlds: buildings, robots that map them, and the truth to compare with.
+
+The demo, the tests and the benchmarks take their maps from here. Start at `simulate_team`, which gives the maps of
+several robots, their true poses and the true corners.
+"""
 
 from .building import Building as Building
 from .building import make_building as make_building

@@ -1,4 +1,8 @@
-"""Pictures without display, browser or GPU, and a page to turn the map around in."""
+"""Pictures without display, browser or GPU, and a page to turn the map around in.
+
+The command line and the notebooks draw with it. Start at `draw_maps` for maps beside each other and at `draw_merge` for
+what a merge has found.
+"""
 
 from .page import check_page_support as check_page_support
 from .page import page_html as page_html

@@ -57,6 +57,7 @@ def box_count(
     if 0 in occupied.shape:
         return jnp.zeros(occupied.shape, jnp.uint16)
     if implementation == "pallas":
+        # Pallas takes a while to import, and most machines never need it.
         from .box_pallas import box_count_pallas
 
         return box_count_pallas(jnp.asarray(occupied), size)

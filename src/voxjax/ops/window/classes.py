@@ -117,6 +117,7 @@ def window_classes(
     if 0 in occupied.shape:
         return jnp.zeros(occupied.shape, jnp.uint8)
     if implementation == "pallas":
+        # Pallas takes a while to import, and most machines never need it.
         from .box_pallas import window_classes_pallas
 
         return window_classes_pallas(occupied, min_change, size, shift)
