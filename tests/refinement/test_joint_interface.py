@@ -138,6 +138,7 @@ def test_log_odds_of_three_maps_in_a_loop_in_float64(grids, maps, truth, kind, r
         assert size > 1e-4
         np.testing.assert_allclose(found, expected, atol=1e-3 * size)
         if reverse:
+            assert back is not None
             total = sum(float(jnp.sum(part * way)) for part, way in zip(back, ways, strict=True))
             np.testing.assert_allclose(total, float(jnp.sum(pull * found)), rtol=1e-6)
 

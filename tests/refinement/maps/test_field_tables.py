@@ -21,7 +21,7 @@ def test_opinions_are_the_states_but_unknown_far_from_surfaces(prepared):
     expected = np.where(states == 2, 1.0, np.where(states == 1, -1.0, 0.0))
     field = opinion_field_of(prepared[0])
     np.testing.assert_array_equal(values_of(field, grid), expected)
-    near = ndimage.distance_transform_edt(states != 2) ** 2 <= 3.0**2 + 1e-6
+    near = np.asarray(ndimage.distance_transform_edt(states != 2)) ** 2 <= 3.0**2 + 1e-6
     # Free voxels beyond the band share one value, so that a derivative is as short as the surface.
     far = np.asarray(field.rows)[: states.size].reshape(grid.shape)[(states == 1) & ~near]
     assert far.size > 0
@@ -34,6 +34,6 @@ def test_distances_vanish_on_surfaces_and_end_at_the_reach(prepared):
     values = values_of(
         distance_field_of(prepared[0], surface_of(hard_view(prepared[0]), is_signed=True)), grid
     )
-    gap = ndimage.distance_transform_edt(states != 2)
+    gap = np.asarray(ndimage.distance_transform_edt(states != 2))
     assert np.percentile(np.abs(values[states == 2]), 95) < grid.voxel_size
     np.testing.assert_allclose(values[gap > FIELD_RADIUS], FIELD_RADIUS * grid.voxel_size, rtol=1e-5)

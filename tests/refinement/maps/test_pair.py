@@ -1,5 +1,7 @@
 """The residuals between two maps that are asked for by name."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -22,8 +24,9 @@ def test_each_kind_and_way_has_its_part_of_the_weight(prepared):
         Occupancies,
         Occupancies,
     ]
-    assert [bool(term.is_inverse) for term in problem.terms] == [False, True] * 3
-    total = [float(np.sum(np.asarray(term.sample.weights))) for term in problem.terms]
+    terms: list[Any] = list(problem.terms)
+    assert [bool(term.is_inverse) for term in terms] == [False, True] * 3
+    total = [float(np.sum(np.asarray(term.sample.weights))) for term in terms]
     np.testing.assert_allclose(total, [0.5, 0.5, 0.25, 0.25, 0.15, 0.15], rtol=1e-4)
 
 

@@ -14,7 +14,7 @@ def linear_field():
     values = np.concatenate([[9.0], (ORIGIN + (index + 0.5) * SIZE) @ SLOPE]).astype(np.float32)
     rows = np.arange(1, len(values), dtype=np.int32)
     dims, origin = np.asarray(DIMS, np.int32), ORIGIN.astype(np.float32)
-    return Field(rows, dims, origin, np.float32(SIZE), values, np.int32(0))
+    return Field(rows, dims, origin, np.asarray(SIZE, np.float32), values, np.asarray(0, np.int32))
 
 
 def columns(points):
