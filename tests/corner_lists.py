@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from oracles.motions import moved, random_pose
 from voxjax.features.types import KIND_UNKNOWN, Corners
 
 
@@ -18,3 +19,14 @@ def corners_at(points, frames=None, mask=None, convexity=None):
         is_observed=np.ones(count, bool),
         num_found=np.asarray(count, np.int32),
     )
+
+
+def clouds(seed, n, m, shared, noise=0.0):
+    """Corners of two maps that share the first `shared`, in frames that differ by a rigid motion."""
+    rng = np.random.default_rng(seed)
+    a, b = rng.uniform(0, 10, (n, 3)), rng.uniform(0, 10, (m, 3))
+    T = random_pose(rng)
+    b[:shared] = moved(
+        np.linalg.inv(T), a[:shared] + rng.normal(0, noise, (shared, 3)) if noise else a[:shared]
+    )
+    return a.astype(np.float32), b.astype(np.float32), T

@@ -18,18 +18,8 @@ WITHOUT_A_TEST = {
     "_runtime/loading.py",
     "_runtime/program.py",
     "features/observed.py",
-    "features/paper.py",
-    "features/types.py",
-    "matching/backtracking.py",
-    "matching/compatibility.py",
     "refinement/solve/joint_covariance.py",
     "registration/hypotheses/map_features.py",
-    "registration/types.py",
-    "synthetic/furniture.py",
-    "synthetic/layout.py",
-    "synthetic/lidar.py",
-    "synthetic/observed.py",
-    "synthetic/true_corners.py",
 }
 """Files whose tests bear no name of theirs yet."""
 

@@ -1,24 +1,11 @@
 import numpy as np
 import pytest
 
+from corner_rooms import SIZE, TURNS, room_grid
 from oracles import box_room
 from voxjax import VoxelGrid
 from voxjax._checks import InputError
 from voxjax.features.corners import detect_corners
-from voxjax.features.paper import paper_corners
-
-SIZE = 0.1
-TURNS = {
-    "straight": np.eye(3),
-    "yaw": box_room.rotation((0, 0, 1), 0.4),
-    "any": box_room.rotation((1.0, -2.0, 0.7), 0.9),
-}
-
-
-def _grid(turn, **options):
-    states, vector = box_room.room_map(turn, **options)
-    origin = np.asarray([5.0, -3.0, 1.0], np.float32)
-    return VoxelGrid(states, origin, SIZE), (vector + 0.5) * SIZE + origin
 
 
 def _match(corners, turn, shift):
@@ -37,7 +24,7 @@ def _match(corners, turn, shift):
 
 @pytest.mark.parametrize("turn", TURNS.values(), ids=TURNS.keys())
 def test_all_corners_of_a_room_with_a_box_are_found_in_any_frame(turn):
-    grid, shift = _grid(turn)
+    grid, shift = room_grid(turn)
     corners = detect_corners(grid)
     assert corners.num_listed == int(corners.num_found) == 16
     distance, angle = _match(corners, turn, shift).T
@@ -47,14 +34,14 @@ def test_all_corners_of_a_room_with_a_box_are_found_in_any_frame(turn):
 
 
 def test_normals_are_unit_right_handed_rows():
-    corners = detect_corners(_grid(TURNS["any"])[0]).trimmed()
+    corners = detect_corners(room_grid(TURNS["any"])[0]).trimmed()
     np.testing.assert_allclose(np.linalg.norm(corners.normals, axis=2), 1.0, atol=1e-5)
     assert (np.linalg.det(corners.normals) > 0.9).all()
 
 
 def test_the_face_that_differs_comes_first():
     turn = TURNS["yaw"]
-    corners = detect_corners(_grid(turn)[0]).trimmed()
+    corners = detect_corners(room_grid(turn)[0]).trimmed()
     foot = corners.convexity == 1
     assert foot.sum() == 4
     assert (corners.normals[foot, 0] @ turn[:, 2] > 0.99).all()
@@ -62,7 +49,7 @@ def test_the_face_that_differs_comes_first():
 
 def test_corners_survive_noise():
     turn = TURNS["any"]
-    grid, shift = _grid(turn, noise=0.25, thickness=0.8)
+    grid, shift = room_grid(turn, noise=0.25, thickness=0.8)
     rooms = _match(detect_corners(grid), turn, shift)[::2]
     assert (rooms[:, 0] < 2.0).all()
 
@@ -84,14 +71,14 @@ def test_hidden_corners_are_found_where_the_planes_meet():
 
 
 def test_num_found_tells_of_virtual_corners_that_are_not_listed():
-    grid, _ = _grid(np.eye(3))
+    grid, _ = room_grid(np.eye(3))
     few = detect_corners(grid, virtual=True, max_virtual=2)
     many = detect_corners(grid, virtual=True, max_virtual=500)
     assert int(few.num_found) == int(many.num_found) == many.num_listed > few.num_listed
 
 
 def test_same_map_same_corners():
-    grid, _ = _grid(TURNS["any"])
+    grid, _ = room_grid(TURNS["any"])
     a, b = (detect_corners(grid, virtual=True) for _ in range(2))
     np.testing.assert_array_equal(a.position, b.position)
     np.testing.assert_array_equal(a.normals, b.normals)
@@ -110,17 +97,6 @@ def test_maps_without_corners_give_none(preset, case):
     corners = detect_corners(VoxelGrid(states, np.zeros(3), SIZE), preset=preset, virtual=preset == "default")
     assert corners.num_listed == int(corners.num_found) == 0
     assert not np.asarray(corners.mask).any()
-
-
-def test_paper_preset_finds_room_corners_at_voxels():
-    grid, shift = _grid(TURNS["straight"], thickness=0.5)
-    stages = paper_corners(grid)
-    assert len(stages.initial) > len(stages.kept) >= len(stages.corners.position) > 0
-    index = (stages.corners.position - grid.origin) / SIZE - 0.5
-    np.testing.assert_allclose(index, np.round(index), atol=1e-3)
-    position = box_room.true_corners()[0][::2] * SIZE + shift
-    distance = np.linalg.norm(stages.corners.position[None] - position[:, None], axis=2).min(axis=1)
-    assert (distance < 2 * SIZE).sum() >= 6
 
 
 def test_unknown_preset_and_reach_are_refused():

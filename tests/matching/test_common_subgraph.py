@@ -3,23 +3,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from corner_lists import corners_at
+from corner_lists import clouds, corners_at
 from oracles.matching import consistency, is_clique, largest_common_subgraph
-from oracles.motions import moved, random_pose
 from voxjax import RESULTS, InputError, consistency_graph, maximum_common_subgraph
 from voxjax.matching.backtracking import EARLY_COST, backtrack
 from voxjax.matching.common_subgraph import subgraph_from_graph
-
-
-def clouds(seed, n, m, shared, noise=0.0):
-    """Corners of two maps that share the first `shared`, in frames that differ by a rigid motion."""
-    rng = np.random.default_rng(seed)
-    a, b = rng.uniform(0, 10, (n, 3)), rng.uniform(0, 10, (m, 3))
-    T = random_pose(rng)
-    b[:shared] = moved(
-        np.linalg.inv(T), a[:shared] + rng.normal(0, noise, (shared, 3)) if noise else a[:shared]
-    )
-    return a.astype(np.float32), b.astype(np.float32), T
 
 
 @settings(max_examples=40, deadline=None)
@@ -95,16 +83,6 @@ def test_the_early_transform_is_asked_at_five_matches_only():
     found = backtrack(graph.associations[: graph.num_associations], graph.adjacency, extend=extend)
     assert set(sizes) == {5}
     assert len(found.schemes[0]) == 5
-
-
-def test_backtracking_reports_its_budget():
-    a, b, _ = clouds(7, 20, 20, 10)
-    found = maximum_common_subgraph(
-        corners_at(a), corners_at(b), distance_tolerance=0.5, method="backtracking", max_nodes=50
-    )
-    assert not found.completed
-    assert found.num_nodes <= 50
-    assert found.result in (RESULTS.budget_exhausted, RESULTS.too_few_associations)
 
 
 def test_ties_beyond_the_limit_are_reported():

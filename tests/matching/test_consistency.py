@@ -1,4 +1,3 @@
-import jax
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,12 +6,11 @@ from scipy.spatial.transform import Rotation
 
 from compilations import compilations
 from corner_lists import corners_at
-from oracles.matching import angle_between, consistency, distance_gaps, rotation_angle
+from oracles.matching import consistency, distance_gaps, rotation_angle
 from oracles.motions import moved, random_pose
 from voxjax import InputError, consistency_graph
 from voxjax.features.types import KIND_UNKNOWN
 from voxjax.matching.associations import all_associations
-from voxjax.matching.compatibility import distance_consistency
 from voxjax.matching.consistency import pairwise_consistency
 
 
@@ -129,35 +127,6 @@ def test_frames_decide_at_the_angle_between_the_rotations():
         assert bool(adjacency[0, 1]) == (degrees < 5)
 
 
-def test_normals_agree_where_the_three_angles_do():
-    rng = np.random.default_rng(7)
-    a, b = rng.uniform(0, 3, (2, 8, 3)).astype(np.float32)
-    normals = rng.normal(size=(2, 8, 3))
-    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    pairs = np.stack([np.arange(8)] * 2, axis=1)
-    tolerance = 0.6
-    adjacency = pairwise_consistency(
-        a,
-        b,
-        pairs,
-        distance_tolerance=100.0,
-        angle_tolerance=tolerance,
-        normals_a=normals[0],
-        normals_b=normals[1],
-    )
-    for i in range(8):
-        for j in range(i + 1, 8):
-            gaps = []
-            for u, v in ((0, 1), (0, 2), (1, 2)):
-                angles = []
-                for points, n in ((a, normals[0]), (b, normals[1])):
-                    triple = n[i], n[j], points[j] - points[i]
-                    angles.append(angle_between(triple[u], triple[v]))
-                gaps.append(abs(angles[0] - angles[1]))
-            if abs(max(gaps) - tolerance) > 1e-4:
-                assert adjacency[i, j] == (max(gaps) < tolerance)
-
-
 def test_kinds_filter_candidates_but_unknown_kinds_match_all():
     kinds_a, kinds_b = np.array([0, 1, KIND_UNKNOWN], np.uint8), np.array([1, 0], np.uint8)
     graph = consistency_graph(
@@ -182,18 +151,6 @@ def test_sizes_on_one_rung_compile_once():
             a = rng.uniform(0, 4, (n, 3))
             pairwise_consistency(a, a, everything(n, n)[:90], distance_tolerance=0.1)
     assert found["distance_consistency"] <= 1
-
-
-def test_kernel_runs_under_vmap():
-    rng = np.random.default_rng(9)
-    a, b = rng.uniform(0, 3, (2, 4, 10, 3)).astype(np.float32)
-    pairs = np.stack([np.arange(10, dtype=np.int32)] * 2, axis=1)
-    batched = jax.vmap(distance_consistency, in_axes=(0, 0, None, None, None))(
-        a, b, pairs, np.float32(0.3), np.float32(0.0)
-    )
-    for k in range(4):
-        single = distance_consistency(a[k], b[k], pairs, np.float32(0.3), np.float32(0.0))
-        np.testing.assert_array_equal(batched[k], single)
 
 
 @pytest.mark.parametrize(

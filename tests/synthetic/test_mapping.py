@@ -4,65 +4,35 @@ import pytest
 
 from oracles.motions import pose_of
 from voxjax._types import FREE, OCCUPIED
-from voxjax.synthetic import Lidar, make_building
+from voxjax.synthetic import Lidar
 from voxjax.synthetic.lidar import Scan, take_scan
 from voxjax.synthetic.mapping import build_map
 from voxjax.synthetic.trajectory import walk_rooms
 
 LIDAR = Lidar(range_noise=0.01)
+
+
 VOXEL = 0.1
 
 
 @pytest.fixture(scope="module")
-def building():
-    return make_building(1, num_rows=1, width=9.0)
-
-
-@pytest.fixture(scope="module")
-def walk(building):
+def walk(storey):
     rng = np.random.default_rng(0)
-    poses = walk_rooms(rng, building, [0, 1])
-    return [take_scan(rng, building, T, LIDAR) for T in poses], poses
+    poses = walk_rooms(rng, storey, [0, 1])
+    return [take_scan(rng, storey, T, LIDAR) for T in poses], poses
 
 
-def test_scan_echoes_lie_on_surfaces(building):
-    T = pose_of(translation=[*building.plan.rooms[0].polygon.mean(axis=0), 1.3])
-    scan = take_scan(
-        np.random.default_rng(0), building, T, Lidar(range_noise=0.0, people=0.0, num_azimuths=90)
-    )
-    distance = building.solids.distance(scan.points[: scan.num_hits] + T[:3, 3])
-    assert np.abs(distance).min(axis=1).max() < 1e-3
-    assert (distance.min(axis=1) > -1e-3).all()
-
-
-def test_dropout_noise_and_people_show_in_scans(building):
-    T = pose_of(translation=[*building.plan.rooms[0].polygon.mean(axis=0), 1.3])
-
-    def scan(**options):
-        base = {"range_noise": 0.0, "dropout": 0.0, "people": 0.0, "num_azimuths": 90}
-        return take_scan(np.random.default_rng(4), building, T, Lidar(**{**base, **options}))
-
-    clean, noisy, crowded = scan(), scan(range_noise=0.03), scan(people=50.0)
-    assert len(clean.points) == 90 * 48
-    clean_range, noisy_range = (np.linalg.norm(s.points[: s.num_hits], axis=1) for s in (clean, noisy))
-    radial = noisy_range - clean_range
-    np.testing.assert_allclose(radial.std(), 0.03, rtol=0.1)
-    np.testing.assert_allclose(len(scan(dropout=0.3).points) / len(clean.points), 0.7, atol=0.03)
-    hits = np.linalg.norm(crowded.points, axis=1) < np.linalg.norm(clean.points, axis=1) - 0.1
-    assert hits.sum() > 20
-
-
-def test_map_agrees_with_the_building(building, walk):
+def test_map_agrees_with_the_building(storey, walk):
     scans, poses = walk
     grid = build_map(scans, poses, voxel_size=VOXEL)
-    distance = building.solids.distance(grid.occupied_points().astype(np.float64))
+    distance = storey.solids.distance(grid.occupied_points().astype(np.float64))
     near = np.abs(distance).min(axis=1) < 2 * VOXEL
     assert near.mean() > 0.97  # the others are people
     free = grid.world_from_index(np.argwhere(np.asarray(grid.states) == FREE)).astype(np.float64)
-    depth = building.solids.distance(free).min(axis=1)
+    depth = storey.solids.distance(free).min(axis=1)
     assert (depth < -VOXEL).mean() < 2e-3
     # Seen from inside, the floors of the visited rooms are there.
-    polygon = building.plan.rooms[0].polygon
+    polygon = storey.plan.rooms[0].polygon
     middle = np.asarray([[*(0.7 * polygon[0] + 0.3 * polygon.mean(axis=0)), -0.05]], np.float32)
     index = grid.index_from_world(middle)[0]
     around = np.asarray(grid.states)[index[0] - 3 : index[0] + 4, index[1] - 3 : index[1] + 4]
