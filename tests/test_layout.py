@@ -17,8 +17,6 @@ WITHOUT_A_TEST = {
     "_runtime/calls.py",
     "_runtime/loading.py",
     "_runtime/program.py",
-    "features/observed.py",
-    "refinement/solve/joint_covariance.py",
     "registration/hypotheses/map_features.py",
 }
 """Files whose tests bear no name of theirs yet."""
