@@ -21,14 +21,22 @@ def registration(T_a_b, *, verdict: Verdict = "accepted", confidence=0.9, score=
         "no_overlap": RESULTS.no_overlap,
     }
     return Registration(
-        T_a_b=pose, verdict=verdict, confidence=confidence, covariance=np.eye(6, dtype=np.float32),
+        T_a_b=pose,
+        verdict=verdict,
+        confidence=confidence,
+        covariance=np.eye(6, dtype=np.float32),
         hypotheses=(Hypothesis(T_a_b=pose, score=score, source="corner", evidence=evidence),),
-        reason=f"The verdict is {verdict}.", result=outcome[verdict],
+        reason=f"The verdict is {verdict}.",
+        result=outcome[verdict],
         stats={
-            "num_corners_a": 5, "num_corners_b": 6, "num_associations": 30, "clique_size": 4,
-            "num_hypotheses": 12, "seconds": {"features": 0.5},
+            "num_corners_a": 5,
+            "num_corners_b": 6,
+            "num_associations": 30,
+            "clique_size": 4,
+            "num_hypotheses": 12,
+            "seconds": {"features": 0.5},
         },
-    )  # fmt: skip
+    )
 
 
 def cube_map(number, *, size=6):
@@ -72,9 +80,10 @@ class FakeRegister:
             options["on_stage"]("hypotheses")
         T = np.linalg.inv(self.world_poses[first]) @ self.world_poses[second]
         return registration(
-            T, verdict=self.verdicts.get((first, second), "accepted"),
+            T,
+            verdict=self.verdicts.get((first, second), "accepted"),
             confidence=self.confidences.get((first, second), 0.9),
-        )  # fmt: skip
+        )
 
     def install(self, monkeypatch):
         """Take the place of the registration that `merge` calls, and of the features before it."""

@@ -21,20 +21,44 @@ ARCHITECTURE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 HOW_IT_WORKS = (ROOT / "docs" / "how-it-works.md").read_text(encoding="utf-8")
 
 NAMES = [
-    "read_map", "write_map", "VoxelGrid", "box_count", "classify_voxels", "detect_corners", "Corners",
-    "consistency_graph", "maximum_common_subgraph", "register", "Registration", "refine", "fuse", "merge",
-]  # fmt: skip
+    "read_map",
+    "write_map",
+    "VoxelGrid",
+    "box_count",
+    "classify_voxels",
+    "detect_corners",
+    "Corners",
+    "consistency_graph",
+    "maximum_common_subgraph",
+    "register",
+    "Registration",
+    "refine",
+    "fuse",
+    "merge",
+]
 
 POSITIONAL = {
-    "read_map": ["path"], "write_map": ["path", "grid"], "box_count": 1, "classify_voxels": 1, "detect_corners": 1,
-    "consistency_graph": 2, "maximum_common_subgraph": 2, "register": ["a", "b"], "refine": ["a", "b", "T_a_b"],
-    "fuse": ["grids", "poses"], "merge": ["grids"],
-}  # fmt: skip
+    "read_map": ["path"],
+    "write_map": ["path", "grid"],
+    "box_count": 1,
+    "classify_voxels": 1,
+    "detect_corners": 1,
+    "consistency_graph": 2,
+    "maximum_common_subgraph": 2,
+    "register": ["a", "b"],
+    "refine": ["a", "b", "T_a_b"],
+    "fuse": ["grids", "poses"],
+    "merge": ["grids"],
+}
 
 OPTIONS = {
-    "box_count": {"size"}, "detect_corners": {"virtual"}, "maximum_common_subgraph": {"method"}, "fuse": {"rule"},
-    "register": {"preset", "gravity_aligned", "init_guess"}, "merge": {"preset", "rule", "gravity_aligned"},
-}  # fmt: skip
+    "box_count": {"size"},
+    "detect_corners": {"virtual"},
+    "maximum_common_subgraph": {"method"},
+    "fuse": {"rule"},
+    "register": {"preset", "gravity_aligned", "init_guess"},
+    "merge": {"preset", "rule", "gravity_aligned"},
+}
 
 
 def _modules():

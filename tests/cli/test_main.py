@@ -30,8 +30,14 @@ UNUSABLE = {
     "bad config": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--config", "bad.toml"], "bad.toml"),
     "unknown key": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--config", "key.toml"], "speed"),
     "endless config": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--config", "/dev/zero"], "is a device"),
-    "confidence": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--config", "sure.toml"], "min_confidence must be"),
-    "no leaders": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--config", "none.toml"], "num_leaders must be"),
+    "confidence": (
+        ["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--config", "sure.toml"],
+        "min_confidence must be",
+    ),
+    "no leaders": (
+        ["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--config", "none.toml"],
+        "num_leaders must be",
+    ),
     "no config": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--config", "no.toml"], "no.toml"),
     "bad guess": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--init-guess", "1 2 3"], "3 numbers"),
     "guess for three": (["merge", *["m0.npz"] * 3, "-o", "o.bt", "--init-guess", "1"], "two maps"),
@@ -58,7 +64,7 @@ UNUSABLE = {
     "NUL in a folder": (["demo", "--out", "a\0b"], "cannot be made"),
     "nothing to draw": (["render", "void.npz", "-o", "p.png"], "no voxels"),
     "no such rule": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--rule", "best"], "best"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("case", UNUSABLE)

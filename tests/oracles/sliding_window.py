@@ -39,8 +39,10 @@ def changes(occupied, size, shift):
     for place in itertools.product(*(range(n) for n in occupied.shape)):
         here = count_at(occupied, place, size)
         for number, move in enumerate(moves(shift)):
-            there = [count_at(occupied, [p + sense * m for p, m in zip(place, move, strict=True)], size)
-                     for sense in (1, -1)]  # fmt: skip
+            there = [
+                count_at(occupied, [p + sense * m for p, m in zip(place, move, strict=True)], size)
+                for sense in (1, -1)
+            ]
             if here:
                 out[(*place, number)] = min(max(abs(t - here) for t in there) * 100 // here, 255)
     return out

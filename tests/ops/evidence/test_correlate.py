@@ -46,9 +46,18 @@ def test_a_shifted_map_is_found_at_its_shift():
     def spectra(origin, low):
         points = (origin + (index + 0.5) * 0.5).astype(np.float32)
         return coarse_spectra(
-            codes, dims, origin, np.float32(0.5), points, weights, np.eye(3, dtype=np.float32), low,
-            np.float32(0.5), np.float32(3.0), cells=CELLS,
-        )  # fmt: skip
+            codes,
+            dims,
+            origin,
+            np.float32(0.5),
+            points,
+            weights,
+            np.eye(3, dtype=np.float32),
+            low,
+            np.float32(0.5),
+            np.float32(3.0),
+            cells=CELLS,
+        )
 
     origin_a, origin_b = np.asarray([1, 2, 3], np.float32), np.asarray([-1.5, 4, 0.5], np.float32)
     low_a, low_b = origin_a - np.float32(0.5), origin_b - np.float32(1.0)
