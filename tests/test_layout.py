@@ -14,10 +14,8 @@ WITHOUT_BEHAVIOUR = {"__init__", "__main__", "_types", "_results", "_version", "
 """Names of files that hold re-exports, an entry point, names alone, or defaults (`tests/test_settings.py`)."""
 
 WITHOUT_A_TEST = {
-    "_runtime/calls.py",
     "_runtime/loading.py",
     "_runtime/program.py",
-    "registration/hypotheses/map_features.py",
 }
 """Files whose tests bear no name of theirs yet."""
 

@@ -1,0 +1,17 @@
+"""Features of a map: what is made at once, and what on demand and once."""
+
+import numpy as np
+
+from small_worlds import draw_map, pose
+from voxjax.registration.hypotheses.map_features import map_features
+
+
+def test_directions_are_those_of_the_walls_and_the_rest_is_made_once():
+    T = pose(yaw=25.0, tilt=10.0)
+    features = map_features(draw_map(T), max_virtual=8)
+    assert features.free_space == "observed"
+    across = np.abs(features.directions[:3] @ T[:3, :3])
+    np.testing.assert_allclose(np.sort(across.max(axis=1)), 1.0, atol=0.01)
+    assert (np.diff(features.shares) <= 0).all()
+    assert features.corners is features.corners
+    assert features.late.descriptors(use_free_space=True) is features.late.descriptors(use_free_space=True)
