@@ -17,8 +17,6 @@ from voxjax.ops.blocks.compact import occupied_indices
 from voxjax.ops.window.box import box_count
 from voxjax.ops.window.classes import window_classes
 
-_SURFACE_ROW = re.compile(r"^box_count 7 at constant surface, (\d+)x(\d+)x(\d+)$")
-
 
 def draw(folder: Path, results: Sequence[dict], *, largest: int) -> list[Path]:
     """Write throughput.png, measured here from 16 cubed up to `largest` cubed, and surface.png where its rows ran."""
@@ -45,8 +43,9 @@ def throughput(sides: Sequence[int]) -> dict[str, list[tuple[float, float]]]:
 def constant_surface(results: Sequence[dict]) -> dict[str, list[tuple[float, float]]]:
     """Points (volume, seconds) of each candidate of the rows of constant surface."""
     curves: dict[str, list[tuple[float, float]]] = {}
+    surface_row = re.compile(r"^box_count 7 at constant surface, (\d+)x(\d+)x(\d+)$")
     for result in results:
-        shape = _SURFACE_ROW.match(result["name"])
+        shape = surface_row.match(result["name"])
         if shape is None:
             continue
         volume = float(np.prod([int(n) for n in shape.groups()]))

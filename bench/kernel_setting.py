@@ -15,9 +15,6 @@ TUNED = (
 """Environment that spares the page faults of fresh arrays on Linux: huge pages, memory kept by the process, and one
 arena for all threads, because what one of the compiler's threads gives back another one could not use."""
 
-_VARIABLES = ("GLIBC_TUNABLES", "LD_PRELOAD", "MALLOC_CONF", "XLA_PYTHON_CLIENT_ALLOCATOR", "XLA_FLAGS")
-_PACKAGES = ("voxjax", "jax", "jaxlib", "numpy", "scipy")
-
 
 def device_name() -> str:
     """Kind of the first device, for people: the processor with its cores, or the accelerator."""
@@ -43,7 +40,8 @@ def allocator() -> str:
 
 def describe() -> dict[str, str]:
     """All that a reader must know of where it ran, by name."""
-    found = {name: os.environ[name] for name in _VARIABLES if os.environ.get(name)}
+    variables = ("GLIBC_TUNABLES", "LD_PRELOAD", "MALLOC_CONF", "XLA_PYTHON_CLIENT_ALLOCATOR", "XLA_FLAGS")
+    found = {name: os.environ[name] for name in variables if os.environ.get(name)}
     # Where a library lies on this machine says nothing to others.
     found = {name: re.sub(r"/\S*/", "", value) for name, value in found.items()}
     return {
@@ -51,7 +49,7 @@ def describe() -> dict[str, str]:
         "allocator": allocator(),
         **found,
         "python": platform.python_version(),
-        **{name: importlib.metadata.version(name) for name in _PACKAGES},
+        **{name: importlib.metadata.version(name) for name in ("voxjax", "jax", "jaxlib", "numpy", "scipy")},
     }
 
 

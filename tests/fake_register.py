@@ -57,6 +57,21 @@ def fake_features(grid, *, voxel_size, config):
     return SimpleNamespace(grid=grid, late=None)
 
 
+WORLD = [pose(0.3 * n, (2.0 * n, -n, 0.5 * n)) for n in range(5)]
+"""True poses of five maps."""
+
+
+def relative(a, b):
+    """The true pose of map b in the frame of map a."""
+    return np.linalg.inv(WORLD[a]) @ WORLD[b]
+
+
+def assert_is(found, expected):
+    """A pose was found, and it is the expected one."""
+    assert found is not None
+    np.testing.assert_allclose(found, expected, atol=1e-5)
+
+
 class FakeRegister:
     """Answers with the true relative pose of two of the known maps, and a verdict from a table.
 

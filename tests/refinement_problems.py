@@ -12,6 +12,17 @@ from voxjax.refinement.residuals.pairs import CornerPairs
 from voxjax.refinement.solve.joint_problem import JointProblem, edges_of
 from voxjax.refinement.solve.problem import PoseProblem
 
+KINDS = {
+    "planes": {"planes": 1.0},
+    "distances": {"distances": 1.0},
+    "occupancies": {"occupancies": 1.0},
+    "all": {"planes": 1.0, "distances": 0.5, "occupancies": 0.3},
+}
+"""Weights of residuals: each kind alone, and all together."""
+
+LOOP = [(0, 1), (1, 2), (2, 0)]
+"""Pairs of three maps, each with each."""
+
 
 def one_term(prepared, kind, **options) -> Any:
     return pose_problem(*prepared, residuals={kind: 1.0}, num_points=256, **options).terms[0]

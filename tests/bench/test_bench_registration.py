@@ -1,6 +1,5 @@
 """The command of the benchmark of registration: refusals, and resuming."""
 
-import importlib
 import json
 
 import numpy as np
@@ -8,6 +7,7 @@ import pytest
 from bench.cases import Case
 from bench.summary import markdown
 from bench.worlds import MapPair
+from hidden_packages import hide
 from summary_rows import row as summary_row
 
 from bench import registration
@@ -15,14 +15,7 @@ from voxjax import VoxelGrid
 
 
 def test_a_missing_peer_is_refused_with_the_way_to_install_it(monkeypatch, capsys):
-    real = importlib.import_module
-
-    def without_open3d(name, *rest):
-        if name == "open3d":
-            raise ImportError("No module named 'open3d'")
-        return real(name, *rest)
-
-    monkeypatch.setattr(importlib, "import_module", without_open3d)
+    hide(monkeypatch, "open3d")
     assert registration.main(["--peers", "open3d"]) == 2
     message = capsys.readouterr().err
     assert message.count("\n") == 1

@@ -5,21 +5,9 @@ import itertools
 import numpy as np
 import pytest
 
-from fake_register import FakeRegister, cube_map, fake_features, pose
+from fake_register import WORLD, FakeRegister, assert_is, cube_map, fake_features, relative
 from voxjax import InputError, VoxelGrid, merge
 from voxjax.pipeline import many
-
-WORLD = [pose(0.3 * n, (2.0 * n, -n, 0.5 * n)) for n in range(5)]
-
-
-def _assert_is(found, expected):
-    """Whether a pose was found, and which."""
-    assert found is not None
-    np.testing.assert_allclose(found, expected, atol=1e-5)
-
-
-def _relative(a, b):
-    return np.linalg.inv(WORLD[a]) @ WORLD[b]
 
 
 @pytest.fixture
@@ -36,7 +24,7 @@ def test_all_poses_map_into_the_frame_of_the_first_map(monkeypatch, maps):
     merged, _ = _merge(monkeypatch, maps)
     assert merged.status == "merged"
     for number, found in enumerate(merged.poses):
-        _assert_is(found, _relative(0, number))
+        assert_is(found, relative(0, number))
     assert [(a, b) for a, b, _ in merged.pairs] == list(itertools.combinations(range(5), 2))
     assert merged.grid is not None
     assert merged.grid.num_occupied >= max(m.num_occupied for m in maps)
@@ -68,7 +56,7 @@ def test_the_largest_part_is_merged_and_its_lowest_map_is_the_world(monkeypatch,
     }
     merged, _ = _merge(monkeypatch, maps, verdicts=refused)
     assert [found is None for found in merged.poses] == [True, True, False, False, False]
-    _assert_is(merged.poses[4], _relative(2, 4))
+    assert_is(merged.poses[4], relative(2, 4))
 
 
 @pytest.mark.parametrize("preset", ["default", "paper"])

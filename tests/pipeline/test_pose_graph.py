@@ -8,20 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fake_register import cube_map, pose, registration
+from fake_register import assert_is, cube_map, pose, registration, relative
 from voxjax.pipeline.pose_graph import chain_poses, loop_errors, spanning_tree
-
-WORLD = [pose(0.3 * n, (2.0 * n, -n, 0.5 * n)) for n in range(5)]
-
-
-def _assert_is(found, expected):
-    """Whether a pose was found, and which."""
-    assert found is not None
-    np.testing.assert_allclose(found, expected, atol=1e-5)
-
-
-def _relative(a, b):
-    return np.linalg.inv(WORLD[a]) @ WORLD[b]
 
 
 def test_of_equal_parts_the_one_with_the_lowest_map_is_merged():
@@ -30,15 +18,15 @@ def test_of_equal_parts_the_one_with_the_lowest_map_is_merged():
 
 
 def test_the_tree_avoids_the_weak_pair_and_reports_how_far_it_is_off():
-    wrong = _relative(0, 1) @ pose(0.0, (3.0, 0.0, 0.0))
+    wrong = relative(0, 1) @ pose(0.0, (3.0, 0.0, 0.0))
     pairs = [
         (0, 1, registration(wrong, confidence=0.6)),
-        (0, 2, registration(_relative(0, 2), confidence=0.9)),
-        (1, 2, registration(_relative(1, 2), confidence=0.8)),
+        (0, 2, registration(relative(0, 2), confidence=0.9)),
+        (1, 2, registration(relative(1, 2), confidence=0.8)),
     ]
     tree = spanning_tree(3, pairs)
     poses = chain_poses(3, tree)
-    _assert_is(poses[1], _relative(0, 1))
+    assert_is(poses[1], relative(0, 1))
     (loop,) = loop_errors([cube_map(n) for n in range(3)], poses, pairs, tree)
     assert (loop.a, loop.b) == (0, 1)
     assert loop.metres == pytest.approx(3.0, abs=1e-4)
@@ -75,10 +63,10 @@ def test_ties_of_confidence_are_settled_by_evidence():
 
 
 def test_poses_are_chained_against_the_order_of_pairs_too():
-    tree = [(a, b, registration(_relative(a, b))) for a, b in ((1, 4), (2, 3), (1, 3), (0, 4))]
+    tree = [(a, b, registration(relative(a, b))) for a, b in ((1, 4), (2, 3), (1, 3), (0, 4))]
     poses = chain_poses(5, tree)
     for number, found in enumerate(poses):
-        _assert_is(found, _relative(0, number))
+        assert_is(found, relative(0, number))
 
 
 def test_nothing_accepted_gives_no_tree_and_no_poses():

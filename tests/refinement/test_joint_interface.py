@@ -9,7 +9,7 @@ import voxjax as vx
 from derivatives import derivatives_at
 from oracles.motions import moved, nudged, pose_error
 from oracles.rooms import VOXEL
-from refinement_problems import starts_near
+from refinement_problems import KINDS, LOOP, starts_near
 from voxjax.fusion.rules import log_odds_of_states
 from voxjax.refinement.maps.joint import joint_problem
 from voxjax.refinement.maps.joint_pairs import checked_terms, with_named
@@ -18,13 +18,6 @@ from voxjax.refinement.refine_joint import refine_joint
 from voxjax.refinement.residuals.pairs import CornerPairs, Prior
 from voxjax.refinement.solve.joint import solve_joint
 
-KINDS = {
-    "planes": {"planes": 1.0},
-    "distances": {"distances": 1.0},
-    "occupancies": {"occupancies": 1.0},
-    "all": {"planes": 1.0, "distances": 0.5, "occupancies": 0.3},
-}
-LOOP = [(0, 1), (1, 2), (2, 0)]
 POINTS = 256
 
 

@@ -8,8 +8,6 @@ from jaxtyping import Float32
 from .._checks import InputError, check_pose, shown
 from ..io.files import read_bytes
 
-_FORMS = "16 numbers (4x4, row by row), 12 (3x4), or 7 (x y z qx qy qz qw), or a text file that holds them"
-
 
 def parse_guess(text: str) -> Float32[np.ndarray, "4 4"]:
     """Return the pose (4, 4) that `text` gives.
@@ -22,26 +20,28 @@ def parse_guess(text: str) -> Float32[np.ndarray, "4 4"]:
     Raises:
         InputError: If it is none of these, or not a rigid transform.
     """
+    forms = "16 numbers (4x4, row by row), 12 (3x4), or 7 (x y z qx qy qz qw), or a text file that holds them"
     numbers = _numbers(text)
+    # What is no list of numbers can only be the name of a file; one named by mistake may be of any length.
     if numbers is None:
         try:
             content = read_bytes(text, most=1 << 20).decode("utf-8", errors="replace")
         except InputError as error:
-            raise InputError(f"--init-guess {shown(text)} is no file ({error}); give {_FORMS}.") from error
+            raise InputError(f"--init-guess {shown(text)} is no file ({error}); give {forms}.") from error
         lines = (line.partition("#")[0] for line in content.splitlines())
         numbers = _numbers(" ".join(lines))
         if numbers is None:
             raise InputError(
-                f"--init-guess {shown(text)}: the file holds other things than numbers; give {_FORMS}."
+                f"--init-guess {shown(text)}: the file holds other things than numbers; give {forms}."
             )
     if not all(map(math.isfinite, numbers)):
-        raise InputError(f"--init-guess {shown(text)} holds numbers that are not finite; give {_FORMS}.")
+        raise InputError(f"--init-guess {shown(text)} holds numbers that are not finite; give {forms}.")
     if len(numbers) in (12, 16):
         rows = np.asarray(numbers + ([0.0, 0.0, 0.0, 1.0] if len(numbers) == 12 else [])).reshape(4, 4)
         return check_pose("--init-guess", rows)
     if len(numbers) in (7, 8):
         return check_pose("--init-guess", _pose_of_quaternion(numbers[-7:-4], numbers[-4:]))
-    raise InputError(f"--init-guess has {len(numbers)} numbers; give {_FORMS}.")
+    raise InputError(f"--init-guess has {len(numbers)} numbers; give {forms}.")
 
 
 def _numbers(text: str) -> list[float] | None:

@@ -16,6 +16,8 @@ class Progress:
     def __init__(self, *, quiet: bool = False, stream: TextIO | io.TextIOBase | None = None):
         self._stream = None if quiet else (stream or sys.stderr)
         self._is_terminal = bool(self._stream and self._stream.isatty())
+        # Back to the beginning of the line, and clear it; files must not hold what only a terminal obeys.
+        self._clear = "\r\033[K" if self._is_terminal else ""
         self._stage: str | None = None
         self._start = 0.0
         self.seconds: dict[str, float] = {}
@@ -24,8 +26,8 @@ class Progress:
         """A stage begins, and with it the one before ends."""
         self.finish()
         self._stage, self._start = stage, time.perf_counter()
-        if self._is_terminal:  # "\r\033[K" goes back to the beginning of the line and clears it
-            self._write(f"\r\033[K  {stage} ...")
+        if self._is_terminal:
+            self._write(f"{self._clear}  {stage} ...")
 
     def finish(self) -> None:
         """The last stage has ended."""
@@ -33,9 +35,7 @@ class Progress:
             return
         seconds = time.perf_counter() - self._start
         self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + seconds
-        self._write(
-            f"{chr(13) + chr(27) + '[K' if self._is_terminal else ''}{seconds:8.1f} s  {self._stage}\n"
-        )
+        self._write(f"{self._clear}{seconds:8.1f} s  {self._stage}\n")
         self._stage = None
 
     def _write(self, text: str) -> None:

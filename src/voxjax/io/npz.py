@@ -24,10 +24,6 @@ _DTYPES = {
     "voxel_size": np.dtype("<f8"),
     "log_odds": np.dtype("<f4"),
 }
-_NPY_HEADER = re.compile(
-    r"\s*\{\s*'descr'\s*:\s*'([^']*)'\s*,\s*'fortran_order'\s*:\s*(True|False)\s*,"
-    r"\s*'shape'\s*:\s*\(([0-9,\s]*)\)\s*,?\s*\}\s*"
-)
 _MOST_AT_ONCE = 1 << 20
 """Largest piece of an archive that is taken into memory at once [byte]."""
 
@@ -185,7 +181,11 @@ def _read_npy_header(member: _Member, *, most: int = 4096) -> _NpyHeader | None:
     length = int.from_bytes(member.read(size), "little")
     if lead[:6] != b"\x93NUMPY" or not 0 < length <= most:
         return None
-    match = _NPY_HEADER.fullmatch(member.read(length).decode("latin-1"))
+    form = (
+        r"\s*\{\s*'descr'\s*:\s*'([^']*)'\s*,\s*'fortran_order'\s*:\s*(True|False)\s*,"
+        r"\s*'shape'\s*:\s*\(([0-9,\s]*)\)\s*,?\s*\}\s*"
+    )
+    match = re.fullmatch(form, member.read(length).decode("latin-1"))
     if match is None:
         return None
     words = [word.strip() for word in match[3].split(",")]

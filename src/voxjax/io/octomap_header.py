@@ -7,10 +7,6 @@ from .._checks import InputError, check_voxel_size, shown
 from .text_header import header_lines, whole_number
 
 BINARY_LINE, FULL_LINE = b"# Octomap OcTree binary file", b"# Octomap OcTree file"
-_COMMENT = b"# (feel free to add / change comments, but leave the first line as it is!)\n#"
-_LEGACY = struct.Struct("<idI")  # tree type 3, resolution, number of nodes
-# "1" is what early versions wrote for OcTree.
-TREE_TYPES = ("OcTree", "1", "OcTreeStamped", "ColorOcTree")
 
 
 class Header(NamedTuple):
@@ -36,7 +32,7 @@ def write_header(first_line: bytes, num_nodes: int, resolution: float) -> bytes:
     text = short if float(short) == resolution else repr(float(resolution))
     lines = (
         first_line,
-        _COMMENT,
+        b"# (feel free to add / change comments, but leave the first line as it is!)\n#",
         b"id OcTree",
         b"size %d" % num_nodes,
         b"res " + text.encode(),
@@ -65,8 +61,10 @@ def _checked_fields(fields: dict[str, str], start: int) -> Header:
     missing = [name for name in ("id", "size", "res") if name not in fields]
     if missing:
         raise InputError(f"the header lacks the line {missing[0]!r}")
-    if fields["id"] not in TREE_TYPES:
-        raise InputError(f"the header's id must be one of {', '.join(TREE_TYPES)}, got {shown(fields['id'])}")
+    # Early versions wrote "1" for OcTree.
+    tree_types = ("OcTree", "1", "OcTreeStamped", "ColorOcTree")
+    if fields["id"] not in tree_types:
+        raise InputError(f"the header's id must be one of {', '.join(tree_types)}, got {shown(fields['id'])}")
     size = whole_number(fields["size"])
     if size is None:
         raise InputError(f"the header's size must be a whole number, got {shown(fields['size'])}")
@@ -83,9 +81,10 @@ def read_legacy_header(data: bytes) -> Header:
     Raises:
         InputError: If it is none.
     """
-    if len(data) < _LEGACY.size or data[:4] != b"\x03\x00\x00\x00":
+    fields = struct.Struct("<idI")  # tree type 3, resolution, number of nodes
+    if len(data) < fields.size or data[:4] != b"\x03\x00\x00\x00":
         raise InputError(
             f"the first line must be {BINARY_LINE.decode()!r}, and there is no old-style header either"
         )
-    _, resolution, size = _LEGACY.unpack_from(data)
-    return Header("OcTree", size, check_voxel_size(resolution, "the resolution"), _LEGACY.size)
+    _, resolution, size = fields.unpack_from(data)
+    return Header("OcTree", size, check_voxel_size(resolution, "the resolution"), fields.size)

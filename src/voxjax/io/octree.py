@@ -15,8 +15,6 @@ DEPTH = 16
 NUM_KEYS = 1 << DEPTH
 INNER = 3  # beside the states 0 unknown, 1 free, 2 occupied: also the code of the binary format
 CHILD_OFFSETS = np.array([[c & 1, c >> 1 & 1, c >> 2] for c in range(8)], np.int32)
-# A pre-order walk of a tree of depth 16 never has more than 7 open siblings a level.
-_MOST_PENDING = 7 * DEPTH
 
 
 class Leaves(NamedTuple):
@@ -55,14 +53,16 @@ def subtree_ends(num_children: np.ndarray) -> np.ndarray:
         raise InputError(
             f"{len(num_children) - complete[0]} records follow after the end of the tree (trailing bytes)"
         )
-    # Deeper trees are refused here already, because the levels below are told apart in eight bits.
-    if pending.max() > _MOST_PENDING:
+    # A pre-order walk never has more than 7 open siblings a level. Deeper trees are refused here already, because the
+    # levels below are told apart in eight bits.
+    most_pending = 7 * DEPTH
+    if pending.max() > most_pending:
         raise InputError("the tree is deeper than 16 levels")
     # A step goes down by one at most, so the subtree of i ends where `pending` first falls below pending[i].
     order = np.argsort(pending.astype(np.int8), kind="stable")
-    bounds = np.searchsorted(pending[order], np.arange(-1, _MOST_PENDING + 2))
+    bounds = np.searchsorted(pending[order], np.arange(-1, most_pending + 2))
     ends = np.empty(len(num_children) + 1, np.int64)
-    for level in range(_MOST_PENDING + 1):
+    for level in range(most_pending + 1):
         here = order[bounds[level + 1] : bounds[level + 2]]
         if here.size:
             below = order[bounds[level] : bounds[level + 1]]

@@ -5,19 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from oracles.rooms import VOXEL
-from refinement_problems import starts_near
+from refinement_problems import KINDS, LOOP, starts_near
 from voxjax.refinement.maps.joint import joint_problem
 from voxjax.refinement.maps.pair import pose_problem
 from voxjax.refinement.residuals.terms import Level
 from voxjax.refinement.solve.joint_equations import relative_pose
 
-KINDS = {
-    "planes": {"planes": 1.0},
-    "distances": {"distances": 1.0},
-    "occupancies": {"occupancies": 1.0},
-    "all": {"planes": 1.0, "distances": 0.5, "occupancies": 0.3},
-}
-LOOP = [(0, 1), (1, 2), (2, 0)]
 POINTS = 256
 
 

@@ -5,15 +5,9 @@ from typing import Any
 import jax
 import numpy as np
 
+from refinement_problems import KINDS, LOOP
 from voxjax.refinement.maps.joint import joint_problem
 
-KINDS = {
-    "planes": {"planes": 1.0},
-    "distances": {"distances": 1.0},
-    "occupancies": {"occupancies": 1.0},
-    "all": {"planes": 1.0, "distances": 0.5, "occupancies": 0.3},
-}
-LOOP = [(0, 1), (1, 2), (2, 0)]
 POINTS = 256
 
 
