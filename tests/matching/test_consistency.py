@@ -9,9 +9,11 @@ from corner_lists import corners_at
 from oracles.matching import consistency, distance_gaps, rotation_angle
 from oracles.motions import moved, random_pose
 from voxjax import InputError, consistency_graph
+from voxjax._runtime import memory
 from voxjax.features.types import KIND_UNKNOWN
+from voxjax.matching import consistency as matching_consistency
 from voxjax.matching.associations import all_associations
-from voxjax.matching.consistency import pairwise_consistency
+from voxjax.matching.consistency import graph_memory, pairwise_consistency
 
 
 def everything(n, m):
@@ -151,6 +153,41 @@ def test_sizes_on_one_rung_compile_once():
             a = rng.uniform(0, 4, (n, 3))
             pairwise_consistency(a, a, everything(n, n)[:90], distance_tolerance=0.1)
     assert found["distance_consistency"] <= 1
+
+
+def allow(monkeypatch, num_bytes):
+    monkeypatch.setattr(memory, "memory_limit", lambda **_: num_bytes)
+
+
+@pytest.mark.parametrize("angle_tolerance", [None, 0.1])
+def test_a_graph_that_memory_will_not_hold_is_refused_before_it_is_made(monkeypatch, angle_tolerance):
+    def never(*_: object):
+        raise AssertionError("the graph was made")
+
+    corners = corners_at(np.zeros((129, 3)))
+    options = {"associations": everything(129, 129), "angle_tolerance": angle_tolerance}
+    # 16,641 associations, padded to 32,768 and not to 65,536.
+    need = graph_memory(129**2, has_angles=angle_tolerance is not None)
+    assert need == 2.0**30 * (1 if angle_tolerance is None else 4)
+    allow(monkeypatch, 0.99 * need)
+    monkeypatch.setattr(matching_consistency, "distance_consistency", never)
+    with pytest.raises(InputError, match=r"a consistency graph of 16641 associations needs about .* fewer"):
+        consistency_graph(corners, corners, distance_tolerance=0.1, **options)
+    allow(monkeypatch, 1.01 * need)
+    with pytest.raises(AssertionError, match="the graph was made"):
+        consistency_graph(corners, corners, distance_tolerance=0.1, **options)
+
+
+def test_edges_that_memory_will_not_hold_are_refused_before_they_are_listed(monkeypatch):
+    points = corners_at(np.random.default_rng(10).uniform(0, 0.01, (32, 3)))
+    allow(monkeypatch, 1.01 * graph_memory(32**2, has_angles=True))
+    graph = consistency_graph(points, points, distance_tolerance=0.1)
+    num_edges = int(np.count_nonzero(graph.adjacency)) // 2
+    # Everything agrees but what shares a corner; what an edge takes is more than this graph's mask.
+    assert num_edges == (32 * 31) ** 2 // 2
+    allow(monkeypatch, 31.0 * num_edges)
+    with pytest.raises(InputError, match=f"a consistency graph of {num_edges} edges needs about"):
+        consistency_graph(points, points, distance_tolerance=0.1, angle_tolerance=0.1)
 
 
 @pytest.mark.parametrize(

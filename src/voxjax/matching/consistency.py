@@ -1,7 +1,7 @@
 """Which associations can hold together: distances (equation 4), angles between frames, one-to-one.
 
 The distances of all pairs of associations are one dense mask on the device; angles are looked at only where
-the distances agree. Memory: one byte a pair, so 8000 associations (about 90 corners against 90) take 64 MB.
+the distances agree. Memory: one byte a pair of rows, padding included (`graph_memory`).
 """
 
 import equinox as eqx
@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int, Int32
 
 from .._checks import InputError, check_positive
 from .._runtime.buckets import pad_rows, wide_bucket_size
+from .._runtime.memory import check_memory
 from .._runtime.pieces import one_by_one, over_pieces
 from .._types import Array
 from ..features.types import Corners
@@ -20,7 +21,8 @@ DISTANCE_TOLERANCE = 0.2
 """D of equation (4) [m]: two voxels of a map of 10 cm, which is what two roundings and a little drift amount to."""
 
 MAX_ASSOCIATIONS = 32768
-"""More would take over a gigabyte; choose candidates first."""
+"""More would take over a gigabyte; choose candidates first. No list is padded to more either: the next step of the
+ladder would take four times as much for the same associations."""
 
 
 class ConsistencyGraph(eqx.Module):
@@ -72,8 +74,8 @@ def consistency_graph(
         The graph, padded to a bucket; at most `MAX_ASSOCIATIONS` nodes.
 
     Raises:
-        InputError: If a tolerance is not positive, an index does not exist, or there are too many
-        associations.
+        InputError: If a tolerance is not positive, an index does not exist, there are too many associations, or their
+            graph needs more memory than there is.
 
     References:
         Section IV.B-C, equation (4).
@@ -129,8 +131,8 @@ def pairwise_consistency(
         bool (m, m) on the host, m the bucket of the number of associations; False in padding.
 
     Raises:
-        InputError: If a tolerance is not positive, an index does not exist, or there are too many
-        associations.
+        InputError: If a tolerance is not positive, an index does not exist, there are too many associations, or their
+            graph needs more memory than there is.
     """
     check_positive("distance_tolerance", distance_tolerance, "m")
     pairs = check_associations(associations, len(points_a), len(points_b))
@@ -140,14 +142,20 @@ def pairwise_consistency(
         )
     if angle_tolerance is not None:
         check_positive("angle_tolerance", angle_tolerance, "rad")
-    size = wide_bucket_size(len(pairs), 256)
+    has_angles = angle_tolerance is not None and (frames_a is not None or normals_a is not None)
+    check_memory(
+        graph_memory(len(pairs), has_angles=has_angles),
+        f"a consistency graph of {len(pairs)} associations",
+        "give fewer candidates",
+    )
+    size = _padded_size(len(pairs))
     nodes = [_gather(p, pairs[:, side], size) for side, p in enumerate((points_a, points_b))]
     adjacency = np.asarray(
         distance_consistency(
             *nodes, pad_rows(pairs, size, -1.0), np.float32(distance_tolerance), np.float32(min_distance)
         )
     )
-    if angle_tolerance is None or (frames_a is None and normals_a is None):
+    if angle_tolerance is None or not has_angles:
         return adjacency
     tolerance = np.float32(angle_tolerance)
     adjacency = adjacency.copy()
@@ -161,6 +169,22 @@ def pairwise_consistency(
     return adjacency
 
 
+def graph_memory(count: int, *, has_angles: bool) -> float:
+    """Memory that the graph of `count` associations takes at its peak [byte], but for the list of its edges.
+
+    Args:
+        count: Number of associations.
+        has_angles: Whether angles are looked at after the distances.
+    """
+    # The mask; for the angles also a copy that can be written to, its upper triangle, and what selects that.
+    return float(_padded_size(count)) ** 2 * (4.0 if has_angles else 1.0)
+
+
+def _padded_size(count: int) -> int:
+    """Rows of the graph of `count` associations, padding included."""
+    return min(wide_bucket_size(count, 256), MAX_ASSOCIATIONS)
+
+
 def _gather(rows: Array, index: np.ndarray, size: int) -> np.ndarray:
     """Rows of the associations on the host, float32, padded."""
     return pad_rows(np.asarray(rows, np.float32)[index], size)
@@ -170,6 +194,9 @@ def _keep_edges(adjacency: np.ndarray, agree) -> None:
     """Clear, in place, the edges that `agree` rejects; asks in chunks of one fixed shape."""
     # One chunk after the other: what one writes down in between is many times as large as its edges.
     edge_chunk = 1 << 18
+    # Row and column of each edge, once as NumPy lists them and once as the kernel takes them, and what is rejected.
+    num_edges = np.count_nonzero(adjacency) // 2
+    check_memory(32.0 * num_edges, f"a consistency graph of {num_edges} edges", "give fewer candidates")
     edges = np.argwhere(np.triu(adjacency)).astype(np.int32)
     if len(edges) == 0:
         return
