@@ -82,6 +82,35 @@ def test_the_pipeline_refuses_before_it_begins(monkeypatch, call):
         call(_grid((30, 30, 20)), _grid((20, 20, 20)))
 
 
+@pytest.mark.parametrize("call", [vx.register, lambda a, b, **options: vx.merge([a, b], **options)])
+def test_the_paper_s_method_is_refused_before_it_begins(monkeypatch, call):
+    def never(*_: object, **__: object):
+        raise AssertionError("corners were looked for")
+
+    monkeypatch.setattr(pair, "register_paper", never)
+    grids = _grid((30, 30, 20), voxel_size=0.1), _grid((20, 20, 20), voxel_size=0.2)
+    _allow(monkeypatch, FIXED / 2)
+    with pytest.raises(InputError, match=r"registering maps of together .* voxels of 0\.2 m needs about"):
+        call(*grids, preset="paper")
+    _allow(monkeypatch, 2 * FIXED)
+    with pytest.raises(AssertionError, match="corners were looked for"):
+        call(*grids, preset="paper")
+
+
+def test_the_paper_s_window_counts_whole_maps(monkeypatch):
+    grids = [_grid((300, 200, 100), known=(20, 30, 10))] * 2
+    size = MapSize(grids[0].shape, grids[0].num_occupied, 0.1)
+    window = register_memory([], 0.1, [size]) - FIXED
+    # One map after the other, whatever is known of it; more than what features of what is known take.
+    assert register_memory([], 0.1, [size, size]) - FIXED == window > 6e6 * 5
+    _allow(monkeypatch, FIXED + 0.99 * window)
+    check_register_memory(grids, 0.1)
+    with pytest.raises(InputError, match=r"registering maps .* voxel size of 0\.2 m"):
+        check_register_memory(grids, 0.1, preset="paper")
+    _allow(monkeypatch, FIXED + 1.01 * window)
+    check_register_memory(grids, 0.1, preset="paper")
+
+
 @pytest.mark.parametrize("ask", [vx.register, lambda a, b, **options: vx.merge([a, b], **options)])
 def test_more_voxels_than_32_bits_count_are_refused_before_the_work(ask):
     # Known corner to corner, and nothing between: no memory is asked for before the refusal.
@@ -92,6 +121,13 @@ def test_more_voxels_than_32_bits_count_are_refused_before_the_work(ask):
         InputError, match=r"a map at 0\.004 m must have at most 2,147 million voxels .* got 3,38"
     ):
         ask(grid, grid, config={"map": {"voxel_size": 0.004}})
+
+
+def test_the_paper_s_method_is_bound_by_32_bits_too(monkeypatch):
+    monkeypatch.setattr(memory_need, "MAX_ROWS", 1000)
+    monkeypatch.setattr(memory_need, "check_cells", lambda *counts: pytest.fail(str(counts)))
+    with pytest.raises(pytest.fail.Exception, match=r"a map at 0\.2 m"):
+        vx.register(_grid((21, 22, 23)), _grid((20, 20, 20), voxel_size=0.2), preset="paper")
 
 
 def test_an_extent_beyond_2_to_the_28_voxels_is_no_reason_to_refuse(monkeypatch):

@@ -1,7 +1,7 @@
 """Memory that registering maps takes, known before it begins."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -33,7 +33,9 @@ class MapSize(NamedTuple):
         )
 
 
-def check_register_memory(grids: Sequence[VoxelGrid], voxel_size: float) -> None:
+def check_register_memory(
+    grids: Sequence[VoxelGrid], voxel_size: float, *, preset: Literal["default", "paper"] = "default"
+) -> None:
     """Raise if there is not enough memory to register maps with each other, before the work begins.
 
     Costs a pass over each map, and a few more only where the estimate for uncropped maps does not fit.
@@ -41,6 +43,7 @@ def check_register_memory(grids: Sequence[VoxelGrid], voxel_size: float) -> None
     Args:
         grids: All maps that are kept at the same time; each pair of them is registered.
         voxel_size: Voxel size at which they are compared [m].
+        preset: The method: the paper's counts in the window of each voxel of whole maps, which are not cropped for it.
 
     Raises:
         InputError: If a map has more voxels at that size than kernels can count, or all need more memory than there is
@@ -52,18 +55,20 @@ def check_register_memory(grids: Sequence[VoxelGrid], voxel_size: float) -> None
         return
     counts = [int(np.count_nonzero(np.asarray(grid.states) == OCCUPIED)) for grid in grids]
     sizes = [MapSize(grid.shape, n, grid.voxel_size) for grid, n in zip(grids, counts, strict=True)]
-    if register_memory(sizes, voxel_size) <= limit:
+    uncropped = sizes if preset == "paper" else ()
+    if register_memory(sizes, voxel_size, uncropped) <= limit:
         return
     # Features are of the box around what is known.
     sizes = [
         size._replace(sides=_known_sides(np.asarray(g.states))) for g, size in zip(grids, sizes, strict=True)
     ]
-    scaled = [size.at(voxel_size) for size in sizes]
+    scaled = [size.at(voxel_size) for size in uncropped or sizes]
     check_memory(
-        register_memory(sizes, voxel_size),
+        register_memory(sizes, voxel_size, uncropped),
         f"registering maps of together {sum(voxels for voxels, _ in scaled) / 1e6:,.3g} million voxels of "
         f"{voxel_size:g} m",
-        f"take {_larger(sizes, voxel_size, limit)}, crop the maps, or work tile by tile (voxjax.ops.map_tiles)",
+        f"take {_larger(sizes, uncropped, voxel_size, limit)}, crop the maps, or work tile by tile "
+        "(voxjax.ops.map_tiles)",
     )
 
 
@@ -82,7 +87,7 @@ def _check_index_range(grids: Sequence[VoxelGrid], voxel_size: float) -> None:
         check_cells(num_voxels, num_occupied, f"a map at {voxel_size:g} m", advice)
 
 
-def register_memory(sizes: Sequence[MapSize], voxel_size: float) -> float:
+def register_memory(sizes: Sequence[MapSize], voxel_size: float, uncropped: Sequence[MapSize] = ()) -> float:
     """Estimated peak beside the maps themselves and the running process [byte].
 
     Estimates were 1.0 to 1.8 times what a process that compiled all kernels grew by in one call
@@ -91,6 +96,7 @@ def register_memory(sizes: Sequence[MapSize], voxel_size: float) -> float:
     Args:
         sizes: Sizes of all maps whose features are kept.
         voxel_size: Voxel size at which they are compared [m].
+        uncropped: Sizes of the maps whose window counts are taken, one map after the other; none in the default preset.
     """
     scaled = [size.at(voxel_size) for size in sizes]
     # While a map has pairs to come, its features hold states twice, nearest voxels and two codes for each voxel of the
@@ -100,7 +106,9 @@ def register_memory(sizes: Sequence[MapSize], voxel_size: float) -> float:
     work = sorted(0.5 * voxels + 100.0 * occupied for voxels, occupied in scaled)
     # Compiled kernels of all stages, and what compiling them takes, whatever the maps.
     kernels = 0.75 * GIGABYTE
-    return kernels + sum(kept) + sum(work[-2:])
+    # Which voxels are occupied, their counts (see `window_classes`), and their classes; gone before features are kept.
+    window = max((6.0 * size.at(voxel_size)[0] for size in uncropped), default=0.0)
+    return kernels + max(window, sum(kept) + sum(work[-2:]))
 
 
 def _known_sides(states: np.ndarray) -> tuple[int, ...]:
@@ -112,10 +120,10 @@ def _known_sides(states: np.ndarray) -> tuple[int, ...]:
     return tuple(sides)
 
 
-def _larger(sizes: Sequence[MapSize], voxel_size: float, limit: float) -> str:
+def _larger(sizes: Sequence[MapSize], uncropped: Sequence[MapSize], voxel_size: float, limit: float) -> str:
     """A voxel size that fits, as advice."""
     for factor in (2, 4, 8):
-        need = register_memory(sizes, factor * voxel_size)
+        need = register_memory(sizes, factor * voxel_size, uncropped)
         if need <= limit:
             return f"a voxel size of {factor * voxel_size:g} m (about {need / GIGABYTE:.2g} GB)"
     return "a larger voxel size"

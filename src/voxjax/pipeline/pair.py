@@ -74,6 +74,7 @@ def register(
         if grid.num_occupied == 0:
             return nothing_found(f"Map {name} has no occupied voxel.", RESULTS.empty_map)
     if preset == "paper":
+        check_register_memory([a, b], max(a.voxel_size, b.voxel_size), preset="paper")
         stages.announce("the paper's pipeline")
         return register_paper(a, b, settings.paper, conflict_weight=settings.evidence.conflict_weight)
     size = working_voxel_size([a, b], settings)
