@@ -62,6 +62,7 @@ def judge(found: vx.Registration, truth: np.ndarray | None, b: vx.VoxelGrid) -> 
     row["right"] = row["rank"] == 0
     if row["right"] and errors[0] is not None and truth is not None:
         T = np.asarray(found.T_a_b, np.float64)
+        # In the order of the covariance: translation of map b's centroid, then rotation, both in frame a.
         turn = Rotation.from_matrix(truth[:3, :3] @ T[:3, :3].T).as_rotvec()
         shift = (truth - T)[:3] @ np.append(centroid, 1.0)
         row |= {"tangent": [*shift, *turn], "covariance": np.asarray(found.covariance).tolist()}

@@ -135,6 +135,7 @@ def measure(pair: Pair, rng: np.random.Generator) -> list[dict]:
     a, b, T_a_b = pair.load()
     detect_all(b)  # compiles
     (points_a, seconds), (points_b, more) = detect_all(a), detect_all(b)
+    # The coarser map decides what is near, for no point is placed better than its voxels allow.
     voxel = max(a.voxel_size, b.voxel_size)
     place_a = a.occupied_points().astype(np.float64)
     place_b = _moved(T_a_b, b.occupied_points())

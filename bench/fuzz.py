@@ -81,6 +81,7 @@ class Answer(NamedTuple):
 
 def serve(connection: Connection, ending: str, megabytes: float) -> None:
     """Read the files that come through a connection, and answer with what came of each."""
+    # Files in memory, where the system has a folder there, so that the disk does not set the pace.
     memory = Path("/dev/shm")
     with tempfile.TemporaryDirectory(dir=memory if memory.is_dir() else None) as folder:
         path = Path(folder) / f"map.{ending}"
@@ -98,6 +99,7 @@ def _limit_memory(megabytes: float) -> None:
     lines = (line.split() for line in Path("/proc/self/status").read_text().splitlines())
     status = {words[0].removesuffix(":"): words[1] for words in lines if len(words) > 1}
     reserved, resident = int(status["VmData"]) * 1024, int(status["VmRSS"]) * 1024
+    # The limit counts what is reserved, and the interpreter and its packages have reserved more than they use.
     most = reserved + int(megabytes * 1e6) - resident
     resource.setrlimit(resource.RLIMIT_DATA, (most, most))
 
@@ -110,6 +112,7 @@ class Server:
         self._start()
 
     def _start(self) -> None:
+        # A fork would share what this process has loaded, and its memory would count as the reader's.
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = context.Pipe()
         self._process: Any = context.Process(

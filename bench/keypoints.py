@@ -107,6 +107,7 @@ def _neighbours(index: np.ndarray, radius: float) -> Iterator[csr_matrix]:
 
 def _spread(index: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues (n, 3), ascending, and eigenvectors (n, 3, 3), columns, of each voxel's neighbours."""
+    # Centred before it is squared: else the covariance would be a small difference of large numbers.
     point = index.astype(np.float64) - index.mean(axis=0)
     products = np.einsum("ni,nj->nij", point, point).reshape(-1, 9)
     features = np.concatenate([np.ones((len(index), 1)), point, products], axis=1)

@@ -59,6 +59,7 @@ def shown_corners(
 
 def detect(grid: VoxelGrid, preset: str) -> tuple[np.ndarray, int, float]:
     """Positions found, number of feature points before clustering, seconds (second call)."""
+    # The first call compiles.
     for _ in range(2):
         start = time.perf_counter()
         if preset == "paper":

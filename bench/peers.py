@@ -83,6 +83,7 @@ def _version(name: str) -> str:
 def _kiss_matcher(points_a: np.ndarray, points_b: np.ndarray, working: float) -> Coarse:
     module: Any = importlib.import_module("kiss_matcher")
     matcher = module.KISSMatcher(module.KISSMatcherConfig(working))
+    # The answers of all peers map their first cloud into the second.
     found = matcher.estimate(points_b, points_a)
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = found.rotation, np.asarray(found.translation).reshape(3)
@@ -93,6 +94,7 @@ def _open3d(points_a: np.ndarray, points_b: np.ndarray, working: float) -> Coars
     """FPFH of the downsampled points, mutual matches, RANSAC with Open3D's own bounds on edges and distances."""
     o3d: Any = importlib.import_module("open3d")
     registration = o3d.pipelines.registration
+    # RANSAC draws at random, and a benchmark must give the same poses again.
     o3d.utility.random.seed(0)
     clouds, features = zip(*(fpfh(points, working) for points in (points_b, points_a)), strict=True)
     reach = 1.5 * working

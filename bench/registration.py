@@ -94,6 +94,7 @@ def _rows(args: argparse.Namespace, methods: dict[str, Method], environment: dic
     settings = {"maps": str(args.maps or os.environ.get("VOXJAX_MAPS", "")), "warm": args.warm}
     rows = _resumed(args.out, settings) if args.resume else []
     print(setting())
+    # Methods run in turns on each case, so that slow spells of the machine hit all alike.
     for turn, case in enumerate(cases):
         done = {row["method"] for row in rows if row["case"] == case.name}
         names = [name for name in methods if name not in done]

@@ -142,6 +142,7 @@ def _report_merge(paths: list[str], folder: str, rounds: int, *, with_tuned: boo
     variables = {"XDG_CACHE_HOME": folder, "JAX_COMPILATION_CACHE_DIR": "", "VOXJAX_CACHE": ""}
     first = run_process(command, variables)
     runs: dict[str, list[Run]] = {choice: [] for choice in choices}
+    # The order turns round each time, so that neither allocator always comes first.
     for turn in range(rounds):
         for choice in list(choices)[:: 1 if turn % 2 else -1]:
             runs[choice].append(run_process(command, variables | choices[choice]))

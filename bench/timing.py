@@ -110,6 +110,7 @@ def format_seconds(seconds: float) -> str:
 
 def _seconds(call: Callable[[], object]) -> float:
     """Wall time of one call, results waited for [s]."""
+    # A call of JAX returns before its work is done.
     start = time.perf_counter()
     jax.block_until_ready(call())
     return time.perf_counter() - start

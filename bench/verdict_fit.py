@@ -63,10 +63,12 @@ def fit(rows: list[dict], *, has_free_space: bool, ridge: float = 0.02) -> tuple
         total = ridge * float((x**2).sum())
         for judged, is_right in data:
             p = chances(judged, first=x[:3], piece=x[3], has_free_space=has_free_space)
+            # Far from the optimum a probability may round to 0, of which there is no logarithm.
             total -= float(np.log(max(p[int(np.argmax(is_right)) + 1 if is_right.any() else 0], 1e-12)))
         return total
 
     start = np.asarray([-5.0, 3.0, 0.5, 3.0])
+    # The bounds hold the signs: more evidence never makes a pose less probable, whatever few rows may suggest.
     found = minimize(loss, start, method="L-BFGS-B", bounds=[(-50, 0), (0, 50), (0, 50), (0, 50)])
     return found.x[:3], float(found.x[3])
 

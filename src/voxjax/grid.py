@@ -230,11 +230,13 @@ class VoxelGrid(eqx.Module):
         """Same as `equals`; False for other types."""
         return isinstance(other, VoxelGrid) and self.equals(other)
 
+    # Equality looks at arrays, which have no hash.
     __hash__ = None  # pyright: ignore[reportAssignmentType]
 
     def __repr__(self) -> str:
         """One line: shape, voxel size, extent and the share of each state."""
-        if not isinstance(self.states, (np.ndarray,)) and not hasattr(self.states, "__array__"):
+        # Under a transformation of JAX there are no values to count.
+        if not isinstance(self.states, np.ndarray) and not hasattr(self.states, "__array__"):
             return f"VoxelGrid(states={self.states}, voxel_size={self.voxel_size})"
         low, high = self.extent
         total = max(int(np.prod(self.shape)), 1)

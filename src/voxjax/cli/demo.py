@@ -35,6 +35,7 @@ def run(args: argparse.Namespace) -> int:
     progress = Progress(quiet=args.quiet)
     progress("generate a building and scan it with three robots")
     team = simulate_team(args.seed, num_robots=3, overlap=0.2)
+    # Nothing of the truth goes into the merge: it gets the maps alone.
     merged = merge(team.grids, on_stage=progress)
     progress("draw and write")
     contents = _contents(folder, names, team, merged)
@@ -84,6 +85,7 @@ def pose_errors(team: Team, poses: Sequence[np.ndarray | None]) -> list[PoseErro
             errors.append(None)
         else:
             found = rigid.inverse(np.asarray(first, np.float64)) @ np.asarray(other, np.float64)
+            # An error of the angle moves far points more, so the centroid is where position is compared.
             centre = team.grids[number].occupied_points().mean(axis=0, dtype=np.float64)
             errors.append(pose_error(found, truth, centre))
     return errors

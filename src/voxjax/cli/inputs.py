@@ -48,8 +48,6 @@ def read_config(path: str) -> Config:
         ) from error
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
-    except (
-        ValueError,
-        OverflowError,
-    ) as error:  # what TOML forbids, or numbers of more digits than Python takes
+    except (ValueError, OverflowError) as error:
+        # Either is what TOML forbids, or a number of more digits than Python takes.
         raise InputError(f"{path} is no TOML file: {str(error).partition(';')[0]}.") from error

@@ -27,6 +27,7 @@ from .streams import tell, warn
 def run(args: argparse.Namespace) -> int:
     """Merge maps as the arguments say and return the exit code."""
     _check(args)
+    # A slip in a line of text is said before the maps are read, which may take long.
     guess = None if args.init_guess is None else parse_guess(args.init_guess)
     config = Config() if args.config is None else read_config(args.config)
     progress = Progress(quiet=args.quiet)

@@ -43,6 +43,7 @@ def _keep_nothing(error: InputError) -> None:
     import jax
 
     jax.config.update("jax_compilation_cache_dir", None)
+    # What the library advises its callers stands behind the semicolon; the command has variables instead.
     name = "JAX_COMPILATION_CACHE_DIR" if "JAX_COMPILATION_CACHE_DIR" in os.environ else "XDG_CACHE_HOME"
     warn(f"{str(error).rsplit(';', 1)[0]}; set {name} to another folder, or VOXJAX_CACHE=off.")
 
@@ -54,6 +55,7 @@ def _mended() -> Iterator[list[Path]]:
     Yields:
         A list that takes the folder of the cache once it is known.
     """
+    # Warnings are the only way in which JAX tells of entries that it cannot read or write.
     folders: list[Path] = []
     show, is_said = warnings.showwarning, False
     entry_error = "Error {} persistent compilation cache entry for '([^']+)'"

@@ -62,6 +62,7 @@ def fuse(
         )
     grids, matrices = _checked(grids, poses)
     if rule is None:
+        # States alone do not say how sure a map is, so evidence is added only where all maps have it.
         rule = "log_odds" if all(grid.log_odds is not None for grid in grids) else "keep"
     check_choice("rule", rule, RULES)
     if voxel_size is None:
@@ -73,10 +74,12 @@ def fuse(
     if found is None:  # nothing is known in any map, so there is no box to fuse
         return VoxelGrid(np.zeros((1, 1, 1), np.uint8), np.zeros(3, np.float32), voxel_size)
     low, shape = found
+    # Refused before anything is put on the device; otherwise the system would kill the process.
     need = fuse_memory(
         int(np.prod(shape)), [grid.states.size for grid in grids], has_log_odds=rule == "log_odds"
     )
     check_memory(need, f"a fused map of {' x '.join(map(str, shape))} voxels of {voxel_size:g} m", _ADVICE)
+    # A map that knows nothing has an empty box and adds nothing.
     sources = [
         _source(grid, T, voxel_size, low, bound)
         for grid, T, bound in zip(grids, matrices, bounds, strict=True)

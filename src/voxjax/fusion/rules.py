@@ -68,6 +68,7 @@ def fuse_log_odds(
         States (occupied where the sum is 0 or more, as OctoMap has it) and log-odds of the fused map, 0 where
         no map knows anything.
     """
+    # What a map has for the log-odds of unknown voxels may be anything.
     is_known = states != UNKNOWN
     zero = jnp.zeros((), log_odds.dtype)
     total = jnp.sum(jnp.where(is_known, log_odds, zero), axis=0, dtype=log_odds.dtype)

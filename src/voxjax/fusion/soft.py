@@ -55,6 +55,7 @@ def fuse_soft(
         range, where it would have no gradient. Both (x, y, z).
     """
     values = [_known_log_odds(grid) for grid in grids]
+    # Concrete poses are float64 for the sake of accuracy, and must not make all arrays as wide.
     dtype = np.result_type(*(v.dtype for v in values), *(T.dtype for T in poses if is_traced(T)))
     total = jnp.zeros(target.shape, dtype)
     is_known = jnp.zeros(target.shape, bool)
@@ -124,7 +125,7 @@ def _reached(grid: VoxelGrid, T: Array, target: Lattice) -> tuple[np.ndarray, np
     if (high <= low).any():
         return shape, shape
     base = origin_in_voxels(target.origin, target.voxel_size)
-    # Interpolation fades over one voxel of the map, in any direction.
+    # Interpolation fades over one voxel of the map in any direction; its diagonal is sqrt(3), less than 1.8.
     fade = 2 + int(np.ceil(1.8 * grid.voxel_size / target.voxel_size))
     start, stop = np.floor(low - base).astype(np.int64) - fade, np.ceil(high - base).astype(np.int64) + fade
     return np.clip(start, 0, shape), np.clip(stop, 0, shape)
@@ -133,6 +134,8 @@ def _reached(grid: VoxelGrid, T: Array, target: Lattice) -> tuple[np.ndarray, np
 def _affine(grid: VoxelGrid, T: Array, target: Lattice, start: np.ndarray, dtype: np.dtype) -> Array:
     """From voxels of the target, counted from `start`, to those of the map."""
     origin = np.asarray(grid.origin)
+    # A concrete pose takes the matrix of nearest fusion, made in float64, so that both look up the same voxels. A pose
+    # that is traced needs a form that JAX can differentiate.
     if not is_traced(T) and dtype == np.float32:
         cell = origin_in_voxels(target.origin, target.voxel_size) + start
         return source_from_target(np.asarray(T), origin, grid.voxel_size, cell, target.voxel_size)

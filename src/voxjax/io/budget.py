@@ -43,6 +43,7 @@ class Budget(NamedTuple):
             per_byte: What a file may take for each of its bytes [byte].
         """
         chosen, available = chosen_memory(), available_memory()
+        # Whoever names a largest grid has said what the file may take; the machine's memory is the only bound then.
         justified = float(max(least, per_byte * self.size)) if self.max_voxels is None else math.inf
         if chosen is not None:
             return chosen, f"VOXJAX_MEMORY allows {chosen / GIGABYTE:.3g} GB"

@@ -44,6 +44,7 @@ def encode_npz(grid: VoxelGrid) -> bytes:
             # ZipInfo's fixed date keeps the bytes independent of the clock.
             entry = zipfile.ZipInfo(f"{name}.npy")
             entry.compress_type = zipfile.ZIP_DEFLATED
+            # An entry's size is not known before it is written, and zipfile must be told that it may pass 2 GiB.
             with archive.open(entry, "w", force_zip64=True) as file:
                 np.lib.format.write_array(
                     file, np.asarray(array, _DTYPES[name], order="C"), allow_pickle=False

@@ -63,6 +63,7 @@ def make_building(
     rooms = [list(rng.uniform(0.75, 1.3, max(round(width / rng.uniform(4.2, 6.0)), 1))) for _ in depths]
     corridor_row = None
     if num_rows > 1 and rng.random() < 0.5:
+        # Never the first or last row: the corridor has rooms on both sides.
         corridor_row = int(rng.integers(1, num_rows))
         depths.insert(corridor_row, rng.uniform(1.7, 2.4))
         rooms.insert(corridor_row, [1.0])
@@ -115,6 +116,7 @@ def make_hotel(
         centre, new_centre = first.polygon.mean(axis=0), room.polygon.mean(axis=0)
         kept = [turned(piece, centre, new_centre, sign) for piece in template if rng.random() >= moved_share]
         pieces += kept
+        # The replacements were drawn for an empty room, so those that stand in what was kept are left out.
         others = furnish(rng, plan, room, height=height, clutter=clutter)
         pieces += _clear_of(others, kept)[: len(template) - len(kept)]
     return _assemble(plan, height, pieces)
@@ -157,6 +159,7 @@ def _assemble(plan: Plan, height: float, furniture: list[list[Item]]) -> Buildin
     parts = [part for wall in plan.walls for part in _wall_parts(wall, height)]
     row_ends = np.asarray([p for wall in plan.walls for p in (wall.start, wall.end)])
     low, high = row_ends.min(axis=0) - WALL_THICKNESS, row_ends.max(axis=0) + WALL_THICKNESS
+    # Floor and ceiling reach past the outer walls, so that no ray leaves along an edge.
     slab = rectangle(0.5 * (low + high), high[0] - low[0], high[1] - low[1], 0.0)
     parts += [(slab, -slab_thickness, 0.0, "floor"), (slab, height, height + slab_thickness, "ceiling")]
     parts += [(i.footprint, i.bottom, i.top, "furniture") for piece in furniture for i in piece]
@@ -168,6 +171,7 @@ def _wall_parts(wall: Wall, height: float) -> list[tuple[np.ndarray, float, floa
     u = wall.along
     yaw = float(np.arctan2(u[1], u[0]))
     length = float(np.linalg.norm(wall.end - wall.start))
+    # Walls meet where their centre lines do, which alone would leave the outer corner open.
     half = 0.5 * WALL_THICKNESS
     parts = []
 

@@ -40,6 +40,7 @@ def furnish(
     pieces: list[list[Item]] = []
     area = _area(polygon)
     wanted = rng.poisson(clutter * area * (0.03 if room.is_corridor else 0.15))
+    # Pieces are drawn and refused where they do not fit; in a full room the tries end before all have a place.
     for _ in range(4 * wanted):
         if len(pieces) >= wanted:
             break
@@ -91,6 +92,7 @@ def _along_wall(rng: np.random.Generator, polygon: np.ndarray, kind: str) -> Ite
     start, end = polygon[side], polygon[(side + 1) % 4]
     u = (end - start) / np.linalg.norm(end - start)
     inward = np.asarray([-u[1], u[0]])
+    # A wall may be too short for the piece, which `_fits` refuses then.
     corner = start + rng.uniform(0.4, max(np.linalg.norm(end - start) - length - 0.4, 0.41)) * u
     footprint = np.asarray(
         [corner, corner + length * u, corner + length * u + depth * inward, corner + depth * inward]
@@ -112,6 +114,7 @@ def _fits(piece: list[Item], polygon: np.ndarray, plan: Plan, others: list[list[
     along = np.roll(polygon, -1, axis=0) - polygon
     inward = np.stack([-along[:, 1], along[:, 0]], axis=-1) / np.linalg.norm(along, axis=-1, keepdims=True)
     gaps = np.min(np.einsum("sk,vsk->vs", inward, footprint[:, None] - polygon[None]), axis=0)
+    # A piece at a wall has no gap there, so the next wall is the nearest that counts.
     clear = np.sort(gaps)[1 if at_wall else 0]
     if clear < 0.35 or np.min(gaps) < -1e-6:
         return False

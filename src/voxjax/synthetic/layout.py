@@ -5,8 +5,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 WALL_THICKNESS = 0.2
+"""Thickness of all walls [m]."""
 
 DOOR_HEIGHT = 2.05
+"""Height of the lintels of doors [m]."""
+
 _CORNER_CLEARANCE = 0.45  # no opening nearer to a corner of a room [m]
 
 
@@ -117,6 +120,8 @@ def make_plan(
         skew: How far walls lean away from right angles: tangent of the largest angle.
         equal_rooms: Doors only to the corridor and at the same place of each room.
     """
+    # Walls are lines through the whole building or through a row, and rooms are what lies between four of them: they
+    # close at any angles.
     shear = skew * rng.uniform(0.5, 1.0) * rng.choice([-1.0, 1.0])
     edges = np.concatenate([[0.0], np.cumsum(row_depths)])
     slopes = 0.4 * skew * rng.uniform(-1.0, 1.0, len(edges))
@@ -176,9 +181,9 @@ class _PlanBuilder:
 
     def build(self) -> Plan:
         """Cut doors and windows and return the plan."""
+        # Windows take what place the doors leave: rooms must be reached, and need not have a window.
         doors = self._cut_doors()
         windows = self._cut_windows()
-
         walls = [*self.row_walls, *(w for columns in self.column_walls for w in columns)]
         return Plan(walls, self.rooms, doors, windows)
 
@@ -220,6 +225,7 @@ class _PlanBuilder:
         doors = []
         for i in order:
             a, b, wall, low, high = candidates[i]
+            # A room without a door could not be mapped, so doors that join two groups of rooms are always cut.
             is_needed = group[a] != group[b]
             if not is_needed and (self.equal_rooms or self.rng.random() > 0.1):
                 continue
@@ -231,6 +237,7 @@ class _PlanBuilder:
 
     def _cut_door(self, a: int, b: int, wall: Wall, low: float, high: float) -> Door | None:
         """Cut one door where there is place."""
+        # Doors of other rooms may have taken the stretch; after some tries the rooms stay without a door between them.
         for _ in range(20):
             width = 0.95 if self.equal_rooms else float(self.rng.uniform(0.8, 1.0))
             share = self._equal_place(b) if self.equal_rooms else float(self.rng.random())
@@ -251,7 +258,6 @@ class _PlanBuilder:
     def _cut_windows(self) -> list[np.ndarray]:
         """Windows in about every third outer wall of a room."""
         windows = []
-
         last = len(self.rows) - 1
         for (j, k), room in self.place.items():
             polygon = self.rooms[room].polygon
@@ -265,6 +271,7 @@ class _PlanBuilder:
             if (j, k + 1) not in self.place:
                 outer.append((self.column_walls[j][-1], polygon[[1, 2]]))
             for wall, ends in outer:
+                # Equal rooms have no windows, which would tell them apart.
                 if self.rng.random() < (0.0 if self.equal_rooms else 0.35):
                     windows += self._cut_window(wall, ends)
         return windows

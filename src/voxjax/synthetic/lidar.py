@@ -43,6 +43,7 @@ class Lidar:
     def directions(self) -> np.ndarray:
         """Unit vectors (n, 3) in the sensor's frame: x ahead, z up."""
         level = self._turn(self.level_beams)
+        # Coordinates moved on by one turn the axis of rotation from z to x, which is ahead.
         upright = np.roll(self._turn(self.upright_beams), 1, axis=1)
         return np.concatenate([level, upright])
 
@@ -82,6 +83,7 @@ def take_scan(rng: np.random.Generator, building: Building, T_world_sensor: np.n
     solids = join_prisms(building.solids, _draw_people(rng, T_world_sensor[:3, 3], lidar.people))
     ranges = measure_ranges(solids, T_world_sensor[:3, 3], shots @ T_world_sensor[:3, :3].T)
     is_echo = ranges <= lidar.max_range
+    # Noise and losses are drawn for all shots, so that the number of draws does not depend on what is seen.
     noisy = ranges + rng.normal(0.0, lidar.range_noise, len(ranges))
     is_kept = rng.random(len(ranges)) >= lidar.dropout
     echoes = shots[is_echo & is_kept] * noisy[is_echo & is_kept, None]

@@ -32,6 +32,7 @@ def observed_corners(corners: TrueCorners, grid: VoxelGrid, T_world_map: np.ndar
     for i, indices in enumerate(nearby):
         seen[i] = _shows_faces(points[indices] - position[i], normals[i], grid.voxel_size)
     free = np.asarray(grid.states) == 1
+    # The sum of the normals leads away from all three faces, to where the space before the corner was seen as free.
     for i in np.flatnonzero(seen):
         probe = grid.index_from_world((position[i] + 0.6 * reach * normals[i].sum(axis=0))[None])[0]
         low, high = np.maximum(probe - 2, 0), np.maximum(probe + 3, 0)

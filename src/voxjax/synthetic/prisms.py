@@ -120,5 +120,6 @@ def cast_rays(
         is_met = exists & (enter < leave) & (enter > 0)
         return jnp.where(is_met, jnp.minimum(nearest, enter), nearest), None
 
+    # One prism after the other, so that there is never an array of all rays times all prisms.
     nothing = jnp.full(directions.shape[:1], jnp.inf, jnp.float32)
     return jax.lax.scan(meet, nothing, (side_normals, side_offsets, z_range, mask))[0]

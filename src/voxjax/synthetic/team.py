@@ -90,6 +90,8 @@ def simulate_team(
         rooms: The rooms that each robot visits, joined by doors; None draws them by `overlap`.
         lidar: None takes the default with a noise of 1 to 3 cm.
     """
+    # The building (0), the robots (1) and each stranger's building (2 and on) have streams of chance of their own, so
+    # that the robots draw the same whether the building is given or made here.
     rng = np.random.default_rng([seed, 1])
     if building is None:
         building = make_building(np.random.default_rng([seed, 0]), clutter=clutter, skew=skew)
@@ -101,6 +103,7 @@ def simulate_team(
     places = [(building, visited) for visited in visits]
     for stranger in range(num_strangers):
         other = make_building(np.random.default_rng([seed, 2 + stranger]), clutter=clutter, skew=skew)
+        # A stranger visits what one of two robots would, so that its map is as large as those it is compared with.
         visited, _ = choose_rooms(rng, other, num_robots=2, overlap=overlap)
         places.append((other, visited[0]))
     if lidar is None:
@@ -108,6 +111,7 @@ def simulate_team(
     grids, poses = [], []
     for where, visited in places:
         T_world_map = draw_frame(rng, frame)
+        # Open doors would show a robot the rooms of the others, and few pairs would overlap little.
         found = close_doors(where, visited, rng, closed_doors)
         grids.append(_map_rooms(rng, found, visited, T_world_map, voxel_size, drift, lidar))
         poses.append(T_world_map if where is building else None)
@@ -192,9 +196,18 @@ def measure_overlap(a: VoxelGrid, b: VoxelGrid, T_a_b: np.ndarray) -> float:
     return float(np.isfinite(distance).mean()) if len(points) else 0.0
 
 
-def _map_rooms(rng, building, rooms, T_world_map, voxel_size, drift, lidar) -> VoxelGrid:
+def _map_rooms(
+    rng: np.random.Generator,
+    building: Building,
+    rooms: list[int],
+    T_world_map: np.ndarray,
+    voxel_size: float,
+    drift: float,
+    lidar: Lidar,
+) -> VoxelGrid:
     """Walk, scan and map."""
     true_poses = walk_rooms(rng, building, rooms)
+    # Scans are taken from the true poses and put together at those that the mapper believes in: that is drift.
     scans = [take_scan(rng, building, T, lidar) for T in true_poses]
     believed = draw_drift(rng, true_poses, drift)
     return build_map(scans, rigid.inverse(T_world_map) @ believed, voxel_size=voxel_size)

@@ -74,6 +74,7 @@ def walk_rooms(
     way = np.stack([np.interp(places, along, corners[:, axis]) for axis in range(2)], axis=-1)
     ahead = np.stack([np.interp(places + 0.2, along, corners[:, axis]) for axis in range(2)], axis=-1) - way
     points = np.concatenate([way, np.full((len(way), 1), height)], axis=1)
+    # The way leads through furniture too, where no sensor can stand.
     is_clear = building.solids.distance(points).min(axis=1) > 0.25
     tilt = rng.normal(0.0, np.radians(1.0), (len(way), 2))
     yaw = np.arctan2(ahead[:, 1], ahead[:, 0])
@@ -109,6 +110,7 @@ def draw_drift(rng: np.random.Generator, poses: np.ndarray, amount: float) -> np
     waves = 2.0 * np.pi / rng.uniform(12.0, 60.0, (6, 3))
     phases = rng.uniform(0.0, 2.0 * np.pi, (6, 3))
     smooth = np.sin(along[:, None, None] * waves + phases).sum(axis=-1) * np.sqrt(2.0 / 3.0)
+    # Gravity shows roll and pitch to a mapper, so that they err less than yaw.
     error = smooth * amount * np.asarray([1.0, 1.0, 0.5, 0.03, 0.03, 0.1])
     drifted = poses.copy()
     for T, e in zip(drifted, error, strict=True):

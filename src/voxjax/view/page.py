@@ -61,6 +61,7 @@ def page_html(grids: Sequence[VoxelGrid], poses: Sequence[Array | None], fused: 
         server.scene.set_up_direction("+z")
         server.initial_camera.position = tuple(np.asarray([0.6, 0.6, 0.7]) * reach)
         server.initial_camera.look_at = (0.0, 0.0, 0.0)
+        # The camera turns about the page's origin, so the map is centred there.
         server.scene.add_point_cloud(
             "/fused",
             (points - centre).astype(np.float32),

@@ -78,6 +78,7 @@ def seen_by(
     is_seen = np.zeros((len(grids), len(points)), bool)
     for row, grid, pose in zip(is_seen, grids, poses, strict=True):
         if pose is not None:
+            # Rows times R are multiplied by its transpose: from the fused frame back into the map's.
             T = np.asarray(pose, np.float64)
             row[:] = _is_near_occupied(grid, (points - T[:3, 3]) @ T[:3, :3])
     return is_seen
