@@ -54,6 +54,7 @@ def draw_points(seed: int, kind: GraphClass, scale: float) -> tuple[np.ndarray, 
     again = a[: kind.num_true] + rng.normal(0.0, kind.noise, (kind.num_true, 3))
     b = np.concatenate([again, rng.uniform(size=(num_b - kind.num_true, 3)) * box])
     yaw = rng.uniform(-np.pi, np.pi)
+    # Only distances count, so neither order nor frame may help a search.
     turn = np.asarray([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
     return a, (b @ turn.T + [3.0, -7.0, 1.0])[rng.permutation(num_b)]
 

@@ -81,6 +81,7 @@ def pose_off(
         degrees: Angle by which the map is turned about that image, about a random axis.
         rng: Drawn from six times whatever the lengths, so that starts of one number point the same way.
     """
+    # Turned about the image of the centroid, so that the two errors do not mix.
     axis, direction = (v / np.linalg.norm(v) for v in rng.normal(size=(2, 3)))
     turn = Rotation.from_rotvec(np.radians(degrees) * axis).as_matrix()
     T = np.eye(4)

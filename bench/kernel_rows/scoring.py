@@ -106,6 +106,7 @@ def _surface_by_numpy(
         met = surface_normals[_look_up(keys[0], dims, moved, 0) % len(surface_normals)]
         is_opposed = (code == HIT) & (np.sum(normals @ T[:3, :3].T * met, axis=1) < -0.3)
         kinds = ((code == HIT) & ~is_opposed, code == CONFLICT, code == NEUTRAL, is_opposed)
+        # The kernel sums the information of the poses too; here it is computed for the time that it takes alone.
         gain = np.where(kinds[0], np.abs(np.sum(normals @ T[:3, :3].T * met, axis=1)), 0.0)
         _ = (met * gain[:, None]).T @ met
         sums[place] = [np.count_nonzero(kind) for kind in kinds]

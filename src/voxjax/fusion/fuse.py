@@ -67,7 +67,13 @@ def fuse(
     check_choice("rule", rule, RULES)
     if voxel_size is None:
         voxel_size = min(grid.voxel_size for grid in grids)
-    voxel_size = check_voxel_size(voxel_size)
+    return _fuse_nearest(grids, matrices, rule, check_voxel_size(voxel_size))
+
+
+def _fuse_nearest(
+    grids: list[VoxelGrid], matrices: list[np.ndarray], rule: str, voxel_size: float
+) -> VoxelGrid:
+    """`fuse` with interpolation="nearest", its options decided."""
     grids = [_coarsened(grid, voxel_size) for grid in grids]
     bounds = _bounds(grids, matrices, voxel_size)
     found = _common_box(bounds)

@@ -104,8 +104,7 @@ def simulate_team(
     for stranger in range(num_strangers):
         other = make_building(np.random.default_rng([seed, 2 + stranger]), clutter=clutter, skew=skew)
         # A stranger visits what one of two robots would, so that its map is as large as those it is compared with.
-        visited, _ = choose_rooms(rng, other, num_robots=2, overlap=overlap)
-        places.append((other, visited[0]))
+        places.append((other, choose_rooms(rng, other, num_robots=2, overlap=overlap)[0][0]))
     if lidar is None:
         lidar = Lidar(range_noise=float(rng.uniform(0.01, 0.03)))
     grids, poses = [], []
@@ -115,18 +114,10 @@ def simulate_team(
         found = close_doors(where, visited, rng, closed_doors)
         grids.append(_map_rooms(rng, found, visited, T_world_map, voxel_size, drift, lidar))
         poses.append(T_world_map if where is building else None)
-    is_observed = np.stack(
-        [observed_corners(building.corners, g, T) for g, T in zip(grids, poses, strict=True)]
-    )
-    return Team(
-        tuple(grids),
-        tuple(poses),
-        building.corners,
-        is_observed,
-        tuple(visited for _, visited in places),
-        shared,
-        building,
-    )
+    corners = building.corners
+    is_observed = np.stack([observed_corners(corners, g, T) for g, T in zip(grids, poses, strict=True)])
+    visits = tuple(visited for _, visited in places)
+    return Team(tuple(grids), tuple(poses), corners, is_observed, visits, shared, building)
 
 
 def different_buildings(seed: int, **options) -> Team:

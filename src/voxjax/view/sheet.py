@@ -143,6 +143,7 @@ def draw_merge(
     Returns:
         uint8 (height, width, 3).
     """
+    # The legend has an entry for each map that is in the fused one; others could not be found in the picture.
     labels = list(names) if names else [f"map {number}" for number in range(len(grids))]
     is_used = [pose is not None for pose in poses]
     entries = [(f"only {labels[n]}", map_color(n)) for n, used in enumerate(is_used) if used]
@@ -161,6 +162,7 @@ def _maps_in_their_frames(
     grids: Sequence[VoxelGrid], labels: Sequence[str], is_used: Sequence[bool], width: int
 ) -> Image:
     """Each map in its colour, in isometric view and below it from above, side by side."""
+    # A single map takes half of the width and more than four go into further rows, or labels could not be read.
     columns = min(max(len(grids), 2), 4)
     across = width // columns
     blocks = []

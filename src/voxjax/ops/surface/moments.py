@@ -87,9 +87,8 @@ def _moments_on_host(
 ) -> SurfaceMoments:
     """The moments of host arrays, as host arrays."""
     packed = pack_on_host(states, margin=_margin(size, reach))
-    with (
-        jax.ensure_compile_time_eval()
-    ):  # constants of a function that is being traced are values all the same
+    # Constants of a function that is being traced are values all the same.
+    with jax.ensure_compile_time_eval():
         packed = packed._replace(words=jax.device_put(packed.words))
     sides = np.asarray(states.shape, np.uint32)
 
