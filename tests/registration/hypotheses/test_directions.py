@@ -3,6 +3,7 @@
 import numpy as np
 
 from voxjax.registration.hypotheses.directions import dominant_directions
+from voxjax.registration.hypotheses.settings import RotationConfig
 
 AXES = np.eye(3)
 
@@ -27,10 +28,20 @@ def test_few_strong_directions_are_taken_and_weak_ones_left_out():
     normals = noisy_normals(AXES, [400, 300, 2], 1.0, 1)
     weights = np.ones(len(normals), np.float32)
     assert len(dominant_directions(normals, weights)[0]) == 2
-    assert len(dominant_directions(normals, weights, min_share=0.0, max_directions=3)[0]) == 3
-    (first,), (share,) = dominant_directions(normals, weights, max_directions=1)
+    all_of_three = RotationConfig(min_share=0.0, max_directions=3)
+    assert len(dominant_directions(normals, weights, settings=all_of_three)[0]) == 3
+    (first,), (share,) = dominant_directions(normals, weights, settings=RotationConfig(max_directions=1))
     assert abs(first @ AXES[0]) > 0.999
     np.testing.assert_allclose(share, 400 / 702, atol=0.02)
+
+
+def test_peaks_nearer_than_what_a_direction_takes_are_one():
+    turned = np.array([[1.0, 0.0, 0.0], [np.cos(np.radians(15)), np.sin(np.radians(15)), 0.0]])
+    normals = noisy_normals(turned, [400, 300], 0.5, 2)
+    weights = np.ones(len(normals), np.float32)
+    assert len(dominant_directions(normals, weights)[0]) == 2
+    wide = RotationConfig(taken_degrees=20.0)
+    assert len(dominant_directions(normals, weights, settings=wide)[0]) == 1
 
 
 def test_no_normals_have_no_directions():

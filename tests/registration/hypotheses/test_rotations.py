@@ -38,6 +38,12 @@ def test_directions_at_other_angles_do_not_match():
     assert len(pair_rotations(AXES[:2], skew)) == 0
 
 
+def test_directions_too_near_to_each_other_propose_nothing():
+    near = np.array([[1.0, 0.0, 0.0], [np.cos(np.radians(20)), np.sin(np.radians(20)), 0.0]])
+    assert len(pair_rotations(near, near)) == 0
+    assert len(pair_rotations(near, near, min_angle=15.0)) > 0
+
+
 def test_signed_normals_single_out_the_rotation():
     axes = np.concatenate([AXES, -AXES])
     counts = [100, 300, 200, 250, 150, 120]

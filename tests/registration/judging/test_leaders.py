@@ -31,6 +31,20 @@ def test_leaders_begin_with_the_refined_truth(pair, exhaustive):
     assert len(leaders.sources) == len(leaders.poses) <= 4
 
 
+def test_how_far_the_refinements_reach_is_what_the_settings_say(pair):
+    a, b, truth = pair
+    away = (pose(translation=(0.25, 0.0, 0.0)) @ truth)[None].astype(np.float32)
+
+    def gap(**changes):
+        options = {"num_ranked": 1, "num_refined": 1, "num_leaders": 1} | changes
+        leaders = find_leaders(a.prepared, b.prepared, proposals(away), LeaderConfig(**options), WEIGHTS)
+        return pose_error(leaders.poses[0], truth, np.asarray(b.prepared.centroid)).metres
+
+    assert gap() < 0.06
+    short = {f"{round}_{end}_distance": 0.01 for round in ("rough", "fine") for end in ("start", "final")}
+    assert gap(**short) > 2 * gap()
+
+
 def test_another_building_gets_no_support(T_map_world, pair, exhaustive):
     stranger = draw_map(T_map_world, rooms=OTHER_ROOMS, furniture=OTHER_FURNITURE)
     b = map_features(stranger, max_virtual=8)

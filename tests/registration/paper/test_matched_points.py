@@ -32,7 +32,7 @@ def test_neighbours_make_the_transform_better_than_the_corners_alone(maps):
     for seed in range(4):
         corners_b = in_frame_b(T, 0.6 * VOXEL, seed)
         alone = pose_error(kabsch(CORNERS, corners_b), T, corners_b.mean(axis=0))
-        found, _ = align_matches(CORNERS.astype(np.float32), corners_b, neighbours, radius=7 * VOXEL)
+        found, _ = align_matches(CORNERS.astype(np.float32), corners_b, neighbours)
         error = pose_error(found, T, corners_b.mean(axis=0))
         assert error[0] < 1.0
         assert error[1] < 0.5 * VOXEL

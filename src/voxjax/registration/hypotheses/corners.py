@@ -101,9 +101,7 @@ def subgraph_poses(
     *,
     distance_tolerance: float,
     max_corners: int = SourceConfig.max_corners,
-    angle_tolerance: float = SubgraphConfig.angle_tolerance,
-    max_ties: int = SubgraphConfig.max_ties,
-    max_nodes: int = SubgraphConfig.max_nodes,
+    settings: SubgraphConfig | None = None,
 ) -> SubgraphPoses:
     """Poses of the largest sets of corners whose distances and frames all agree (sections IV.B-C).
 
@@ -112,26 +110,24 @@ def subgraph_poses(
         b: Corners of b.
         distance_tolerance: D of equation (4) [m].
         max_corners: The strongest so many of each map take part.
-        angle_tolerance: Largest disagreement of the rotations that two associations imply [deg].
-        max_ties: Largest sets considered.
-        max_nodes: Budget of the search.
+        settings: How the sets are searched; None for the defaults.
     """
+    chosen = SubgraphConfig() if settings is None else settings
     a, b = strongest(a, max_corners), strongest(b, max_corners)
     kind_a, kind_b = np.asarray(a.convexity)[:, None], np.asarray(b.convexity)[None, :]
     is_alike = (kind_a == kind_b) | (kind_a == KIND_UNKNOWN) | (kind_b == KIND_UNKNOWN)
     candidates = np.argwhere(is_alike).astype(np.int32)
     if len(candidates) < 3:
         return SubgraphPoses(np.zeros((0, 4, 4), np.float32), len(candidates), 0, True)
-    # Two corners within the tolerance of each other would agree with any such two of the other map.
     common = maximum_common_subgraph(
         a,
         b,
         distance_tolerance=distance_tolerance,
-        angle_tolerance=float(np.radians(angle_tolerance)),
-        min_distance=3.0 * distance_tolerance,
+        angle_tolerance=float(np.radians(chosen.angle_tolerance)),
+        min_distance=chosen.min_distance * distance_tolerance,
         associations=candidates,
-        max_ties=max_ties,
-        max_nodes=max_nodes,
+        max_ties=chosen.max_ties,
+        max_nodes=chosen.max_nodes,
     )
     position_a, position_b = np.asarray(a.position), np.asarray(b.position)
     poses = []

@@ -63,7 +63,7 @@ def descriptor_hypotheses(
     keep = distinct_poses(
         poses, centroid, degrees=chosen.distinct_degrees, metres=distance, max_count=max_hypotheses
     )
-    poses, places = _rank_poses(poses[keep], matches, chosen, rounds=3)
+    poses, places = _rank_poses(poses[keep], matches, chosen, rounds=chosen.num_refits)
     # Poses that were refit to more matches may have come together.
     keep = distinct_poses(poses, centroid, degrees=chosen.distinct_degrees, metres=distance)
     poses, places = poses[keep], places[keep]

@@ -10,45 +10,44 @@ def dominant_directions(
     normals: Float[np.ndarray, "n 3"],
     weights: Float[np.ndarray, "n"],
     *,
-    max_voters: int = RotationConfig.max_voters,
-    max_directions: int = RotationConfig.max_directions,
-    min_share: float = RotationConfig.min_share,
+    settings: RotationConfig | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Peaks of the unsigned normals and the share of the weight within 10 degrees of each.
+    """Peaks of the unsigned normals and the share of the weight near each.
 
     Args:
         normals: Unit rows; the sign does not matter.
         weights: Weight of each normal.
-        max_voters: Normals that vote at most, evenly chosen.
-        max_directions: Directions at most, the strongest first.
-        min_share: Directions with less than this share of the weight are left out.
+        settings: Who votes, what counts as near, and how many directions are kept; None for the defaults.
 
     Returns:
-        float64 (k, 3) unit vectors and (k,) shares.
+        float64 (k, 3) unit vectors and (k,) shares, strongest first.
     """
-    stride = max(-(-len(normals) // max_voters), 1)
+    chosen = RotationConfig() if settings is None else settings
+    # The votes of all candidates are one table in memory: voters are thinned evenly, and candidates once more.
+    stride = max(-(-len(normals) // chosen.max_voters), 1)
     normals, weights = normals[::stride], weights[::stride]
     total = float(weights.sum(dtype=np.float64))
     is_free = np.ones(len(normals), dtype=bool)
-    seeds = normals[:: max(len(normals) // 400, 1)]
+    seeds = normals[:: max(len(normals) // chosen.min_candidates, 1)]
     # As numbers: NumPy multiplies truth values element by element.
-    near = (np.abs(seeds @ normals.T) > np.cos(np.radians(8.0))).astype(np.float32)
+    near = (np.abs(seeds @ normals.T) > np.cos(np.radians(chosen.vote_degrees))).astype(np.float32)
     directions, shares = [], []
-    for _ in range(max_directions):
+    for _ in range(chosen.max_directions):
         if not is_free.any():
             break
         votes = near @ np.where(is_free, weights, 0.0).astype(np.float32)
         best = int(np.argmax(votes))
-        if votes[best] < min_share * total:
+        if votes[best] < chosen.min_share * total:
             break
+        # A few rounds of a weighted mean axis lead from the best candidate to the middle of its peak. The mean is an
+        # eigenvector of the scatter, for which a normal and its opposite are the same.
         direction = seeds[best].astype(np.float64)
         for _ in range(5):
             angle = np.degrees(np.arccos(np.minimum(np.abs(normals @ direction), 1.0)))
-            w = weights * np.exp(-0.5 * (angle / 4.0) ** 2) * is_free
+            w = weights * np.exp(-0.5 * (angle / chosen.refining_degrees) ** 2) * is_free
             scatter = (normals * w[:, None]).T.astype(np.float64) @ normals
             direction = np.linalg.eigh(scatter)[1][:, -1]
-        # Wider than the votes, so that the slopes of a peak do not become a direction of their own.
-        taken = np.abs(normals @ direction) > np.cos(np.radians(10.0))
+        taken = np.abs(normals @ direction) > np.cos(np.radians(chosen.taken_degrees))
         directions.append(direction)
         shares.append(float(weights[taken & is_free].sum(dtype=np.float64)) / total)
         is_free &= ~taken

@@ -86,13 +86,7 @@ def map_features(
     normals, planarity = np.asarray(prepared.normals)[:count], np.asarray(prepared.planarity)[:count]
     leverage = planarity.astype(np.float64) * np.asarray(prepared.weights)[:count]
     is_planar = planarity > chosen.min_planarity
-    directions, shares = dominant_directions(
-        normals[is_planar],
-        planarity[is_planar],
-        max_voters=chosen.max_voters,
-        max_directions=chosen.max_directions,
-        min_share=chosen.min_share,
-    )
+    directions, shares = dominant_directions(normals[is_planar], planarity[is_planar], settings=chosen)
     drawn = leverage if leverage.sum() > 0 else np.ones(count)
     return MapFeatures(
         prepared=prepared,

@@ -165,9 +165,7 @@ def propose_subgraphs(
         b.corners,
         distance_tolerance=source.distance_tolerance * a.prepared.grid.voxel_size,
         max_corners=source.max_corners,
-        angle_tolerance=subgraph.angle_tolerance,
-        max_ties=subgraph.max_ties,
-        max_nodes=subgraph.max_nodes,
+        settings=subgraph,
     )
     counts = {
         "num_associations": found.num_associations,

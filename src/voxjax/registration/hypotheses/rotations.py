@@ -30,6 +30,7 @@ def pair_rotations(
     directions_b: np.ndarray,
     *,
     angle_tolerance: float = RotationConfig.angle_tolerance,
+    min_angle: float = RotationConfig.min_angle,
 ) -> np.ndarray:
     """All rotations that map two directions of b onto two of a, up to signs, float64 (k, 3, 3).
 
@@ -37,6 +38,7 @@ def pair_rotations(
         directions_a: (m, 3) unit rows.
         directions_b: (n, 3) unit rows.
         angle_tolerance: Largest difference of the angle between the two directions in each map [deg].
+        min_angle: Directions of a nearer to each other than this propose nothing [deg].
     """
     rotations = []
     pairs_b = [(k, m) for k in range(len(directions_b)) for m in range(len(directions_b)) if k != m]
@@ -45,7 +47,7 @@ def pair_rotations(
             first, second = directions_a[i], directions_a[j]
             cos_a = float(first @ second)
             # Directions that are nearly parallel fix the rotation about themselves badly.
-            if abs(cos_a) > np.cos(np.radians(30.0)):
+            if abs(cos_a) > np.cos(np.radians(min_angle)):
                 continue
             frame_a = _frame(first, second)
             for k, m in pairs_b:
@@ -141,17 +143,21 @@ def rotation_hypotheses(
     """
     chosen = RotationConfig() if settings is None else settings
     apart = chosen.distinct_degrees
-    seeds = pair_rotations(directions_a, directions_b, angle_tolerance=chosen.angle_tolerance)
+    seeds = pair_rotations(
+        directions_a, directions_b, angle_tolerance=chosen.angle_tolerance, min_angle=chosen.min_angle
+    )
     if max_lean is not None:
         seeds = seeds[seeds[:, 2, 2] > np.cos(np.radians(max_lean))]
     if len(seeds) == 0:
         return np.zeros((0, 3, 3), np.float32), np.zeros(0)
     seeds = seeds[distinct_rows(seeds, degrees=apart, max_count=chosen.max_seeds)]
     stride, kernel = chosen.rough_stride, chosen.concentration
-    rough, agreement = _sharpen(samples_a[::stride], samples_b[::stride], seeds, is_signed, 6, kernel)
+    rough, agreement = _sharpen(
+        samples_a[::stride], samples_b[::stride], seeds, is_signed, chosen.num_rough_steps, kernel
+    )
     # What the rough rotations are short of may still bring two of them together: they are told apart more finely.
     rough = rough[distinct_rows(rough, scores=agreement, degrees=apart / 2, max_count=2 * max_rotations)]
-    sharp, agreement = _sharpen(samples_a, samples_b, rough, is_signed, 4, kernel)
+    sharp, agreement = _sharpen(samples_a, samples_b, rough, is_signed, chosen.num_fine_steps, kernel)
     kept = distinct_rows(sharp, scores=agreement, degrees=apart, max_count=max_rotations)
     return sharp[kept], agreement[kept]
 

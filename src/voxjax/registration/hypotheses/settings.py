@@ -59,25 +59,42 @@ class RotationConfig(Settings, table="rotation"):
         num_normals: Normals of each map that a rotation is judged by, drawn by leverage.
         min_planarity: Voxels at least so planar vote for the directions of a map.
         max_voters: Normals that vote for directions at most.
+        min_candidates: At least so many of the voters are tried as directions, where there are so many.
+        vote_degrees: Voters within this of a candidate count for it [deg].
+        refining_degrees: Standard deviation of the weights by which voters move the best candidate to the middle of its
+            peak [deg].
+        taken_degrees: Voters within this of a direction vote for no other one [deg]: wider than the votes, so that the
+            slopes of a peak do not become a direction of their own.
         max_directions: Directions of each map, the strongest.
         min_share: Directions with less than this share of the surface are left out.
         angle_tolerance: Largest difference of the angle between two directions in each map [deg].
+        min_angle: Two directions nearer to each other than this fix the rotation about themselves badly, and propose
+            none [deg].
         concentration: k of the kernel exp(k (cos - 1)) between normals: 60 is about 7.4 degrees.
         rough_stride: One in so many of the normals sharpens the seeds, of which most lead to the same few rotations;
             all normals then sharpen those few and rank them.
         max_seeds: Distinct seeds that are sharpened.
+        num_rough_steps: Steps that sharpen a seed on some of the normals.
+        num_fine_steps: Steps that sharpen a rotation on all of them.
         distinct_degrees: Rotations nearer to each other than this are one [deg].
     """
 
     num_normals: int = setting(512, low=1, high=100_000)
     min_planarity: float = setting(0.5, low=0.0, high=1.0)
     max_voters: int = setting(5_000, low=1, high=10_000_000)
+    min_candidates: int = setting(400, low=1, high=100_000)
+    vote_degrees: float = setting(8.0, above=0.0, high=90.0)
+    refining_degrees: float = setting(4.0, above=0.0, high=90.0)
+    taken_degrees: float = setting(10.0, above=0.0, high=90.0)
     max_directions: int = setting(8, low=1, high=100)
     min_share: float = setting(0.01, low=0.0, high=1.0)
     angle_tolerance: float = setting(6.0, low=0.0, high=90.0)
+    min_angle: float = setting(30.0, above=0.0, high=90.0)
     concentration: float = setting(60.0, above=0.0, high=10_000.0)
     rough_stride: int = setting(4, low=1, high=1_000)
     max_seeds: int = setting(1_000, low=1, high=1_000_000)
+    num_rough_steps: int = setting(6, low=1, high=1_000)
+    num_fine_steps: int = setting(4, low=1, high=1_000)
     distinct_degrees: float = setting(4.0, low=0.0, high=180.0)
 
 
@@ -123,11 +140,14 @@ class SubgraphConfig(Settings, table="subgraph"):
 
     Attributes:
         angle_tolerance: Largest disagreement of the rotations that two associations imply [deg].
+        min_distance: Two corners of a map nearer to each other than this, in tolerances of the distance, say nothing
+            together: they would agree with any such two of the other map.
         max_ties: Largest sets considered.
         max_nodes: Budget of the search.
     """
 
     angle_tolerance: float = setting(8.0, low=0.0, high=180.0)
+    min_distance: float = setting(3.0, low=0.0, high=1_000.0)
     max_ties: int = setting(16, low=1, high=10_000)
     max_nodes: int = setting(20_000, low=1, high=1_000_000_000)
 
@@ -146,6 +166,7 @@ class DescriptorConfig(Settings, table="descriptor"):
         max_nodes: Matches of the densest part, which seed cliques.
         num_parts: Densest parts that are taken one after the other: repeated rooms fill the first with false matches.
         max_seeds: Cliques kept of each part.
+        num_refits: How often a pose that is kept is fitted anew to all matches that it explains.
         distinct_spacings: Poses that put the middle of the matches nearer to each other than this, in working spacings,
             and turn it alike are one hypothesis; refinement brings them together anyway.
         distinct_degrees: Poses that turn map b alike but for less than this [deg] and put it at one place are one.
@@ -159,5 +180,6 @@ class DescriptorConfig(Settings, table="descriptor"):
     max_nodes: int = setting(1024, low=3, high=20_000)
     num_parts: int = setting(2, low=1, high=100)
     max_seeds: int = setting(512, low=1, high=20_000)
+    num_refits: int = setting(3, low=1, high=1_000)
     distinct_spacings: float = setting(3.0, low=0.0, high=1_000.0)
     distinct_degrees: float = setting(10.0, low=0.0, high=180.0)

@@ -100,8 +100,8 @@ def find_leaders(
         poses[rows],
         num_points=settings.num_rough_points,
         num_steps=settings.num_rough_steps,
-        start_distance=5.0,
-        final_distance=1.5,
+        start_distance=settings.rough_start_distance,
+        final_distance=settings.rough_final_distance,
     )
     judged = judge_poses(a, b, refined, num_points=settings.num_rough_judges, conflict_weight=weight)
     kept = _best_refined(a, b, refined, judged.score(), settings)
@@ -114,8 +114,8 @@ def find_leaders(
         refined,
         num_points=settings.num_fine_points,
         num_steps=settings.num_fine_steps,
-        start_distance=2.5,
-        final_distance=1.0,
+        start_distance=settings.fine_start_distance,
+        final_distance=settings.fine_final_distance,
     )
     judged = judge_poses(a, b, refined, num_points=None, conflict_weight=weight)
     leaders = Leaders(refined, judged, tuple(sources[row] for row in rows))

@@ -20,9 +20,15 @@ class LeaderConfig(Settings, table="leader"):
         num_coarse_points: Points of each map that judge the ranked poses at the coarse tolerance.
         num_rough_points: Points of map b that the first refinement aligns.
         num_rough_steps: Steps of the first refinement.
+        rough_start_distance: Robust scale at which the first refinement starts [voxel]: as far as the field of the
+            nearest voxels reaches, because unrefined poses are off by about a coarse cell.
+        rough_final_distance: Robust scale at which the first refinement ends [voxel]: how far from a surface a voxel
+            may land and still hit it.
         num_rough_judges: Points of each map that judge poses after the first refinement.
         num_fine_points: Points of map b that the second refinement aligns.
         num_fine_steps: Steps of the second refinement.
+        fine_start_distance: Robust scale at which the second refinement starts [voxel].
+        fine_final_distance: Robust scale at which the second refinement ends [voxel].
         unrefined_voxels: Unrefined poses that put the centroid of map b nearer to each other than this [voxel] and turn
             it alike are one hypothesis.
         unrefined_degrees: Unrefined poses that turn map b alike but for less than this [deg] and put it at one place
@@ -40,9 +46,13 @@ class LeaderConfig(Settings, table="leader"):
     num_coarse_points: int = setting(1024, low=1, high=1_000_000)
     num_rough_points: int = setting(1024, low=1, high=1_000_000)
     num_rough_steps: int = setting(15, low=1, high=1_000)
+    rough_start_distance: float = setting(5.0, above=0.0, high=1_000.0)
+    rough_final_distance: float = setting(1.5, above=0.0, high=1_000.0)
     num_rough_judges: int = setting(4096, low=1, high=1_000_000)
     num_fine_points: int = setting(8192, low=1, high=1_000_000)
     num_fine_steps: int = setting(12, low=1, high=1_000)
+    fine_start_distance: float = setting(2.5, above=0.0, high=1_000.0)
+    fine_final_distance: float = setting(1.0, above=0.0, high=1_000.0)
     unrefined_voxels: float = setting(2.0, low=0.0, high=1_000.0)
     unrefined_degrees: float = setting(1.5, low=0.0, high=180.0)
     distinct_voxels: float = setting(5.0, low=0.0, high=1_000.0)

@@ -27,7 +27,7 @@ class NeighbouringPoints:
         voxels_b: Float32[np.ndarray, "m 3"],
         voxel_size: float,
         *,
-        max_neighbours: int = PaperConfig.max_neighbours,
+        settings: PaperConfig | None = None,
     ):
         """Build the search trees.
 
@@ -35,11 +35,11 @@ class NeighbouringPoints:
             voxels_a: Centres of the occupied voxels of a [m].
             voxels_b: Centres of the occupied voxels of b [m].
             voxel_size: Voxel size of both maps [m].
-            max_neighbours: Voxels taken around one corner; nearest first.
+            settings: How far neighbouring points reach, how many there are and how they match; None for the defaults.
         """
         self.tree_a, self.tree_b = KDTree(voxels_a), KDTree(voxels_b)
         self.voxels_a, self.voxels_b = voxels_a, voxels_b
-        self.voxel_size, self.max_neighbours = voxel_size, max_neighbours
+        self.voxel_size, self.settings = voxel_size, PaperConfig() if settings is None else settings
 
     def beside(self, corners_b: Float32[np.ndarray, "k 3"], *, radius: float, count: int) -> np.ndarray:
         """Rows of the voxels of b within `radius` [m] of the corners, at most `count` a corner, each once."""
@@ -59,11 +59,15 @@ class NeighbouringPoints:
 
     def early_align(self) -> Align:
         """Transform of five matches and their neighbours, quick enough for the inside of a search."""
+        chosen = self.settings
+        radius, reach = (
+            length * self.voxel_size for length in (chosen.early_radius, chosen.early_match_distance)
+        )
 
         def align(points_a: np.ndarray, points_b: np.ndarray) -> np.ndarray:
             T_a_b = kabsch(points_a, points_b)
-            rows = self.beside(points_b, radius=5.0 * self.voxel_size, count=self.max_neighbours // 4)
-            more_a, more_b = self.pairs(rows, T_a_b, 2.0 * self.voxel_size)
+            rows = self.beside(points_b, radius=radius, count=chosen.max_neighbours // 4)
+            more_a, more_b = self.pairs(rows, T_a_b, reach)
             return kabsch(np.concatenate([points_a, more_a]), np.concatenate([points_b, more_b]))
 
         return align
@@ -73,9 +77,6 @@ def align_matches(
     points_a: Float32[np.ndarray, "k 3"],
     points_b: Float32[np.ndarray, "k 3"],
     neighbours: NeighbouringPoints,
-    *,
-    radius: float,
-    num_rounds: int = PaperConfig.num_rounds,
 ) -> tuple[np.ndarray, bool]:
     """Transform of matched corners and their neighbouring voxels, by optimistix.
 
@@ -85,22 +86,23 @@ def align_matches(
     Args:
         points_a: Matched corners of a [m].
         points_b: Matched corners of b [m].
-        neighbours: Occupied voxels of the two maps.
-        radius: How far from a corner its neighbouring points reach [m].
-        num_rounds: How often neighbouring points are matched anew.
+        neighbours: Occupied voxels of the two maps, with the settings of how they match.
 
     Returns:
         `T_a_b` float32 (4, 4), and whether the solver converged in the last round.
     """
+    chosen, voxel_size = neighbours.settings, neighbours.voxel_size
     T_a_b = kabsch(points_a, points_b).astype(np.float32)
-    rows = neighbours.beside(points_b, radius=radius, count=neighbours.max_neighbours)
+    radius = chosen.neighbour_radius * voxel_size
+    rows = neighbours.beside(points_b, radius=radius, count=chosen.max_neighbours)
     size = wide_bucket_size(len(points_a) + len(rows), 256)
     converged = True
-    for reach in np.geomspace(4.0, 1.5, num_rounds) * neighbours.voxel_size:
+    reaches = np.geomspace(chosen.first_match_distance, chosen.last_match_distance, chosen.num_rounds)
+    for reach in reaches * voxel_size:
         more_a, more_b = neighbours.pairs(rows, T_a_b, reach)
         all_a, all_b = np.concatenate([points_a, more_a]), np.concatenate([points_b, more_b])
-        # Corners are worth many voxels: a tenth of the weight however many neighbours there are.
-        share = max(0.1 * len(more_a) / len(points_a), 1.0)
+        # Corners are worth many voxels, and keep a part of the weight however many neighbours there are.
+        share = max(chosen.min_corner_weight * len(more_a) / len(points_a), 1.0)
         weights = np.concatenate([np.full(len(points_a), share), np.ones(len(more_a))])
         weights = pad_rows((weights / weights.sum()).astype(np.float32), size)
         fit = fit_points(pad_rows(all_a, size), pad_rows(all_b, size), weights, T_a_b, np.float32(reach))

@@ -65,9 +65,7 @@ def register_paper(
     tolerance = chosen.distance_tolerance * voxel
     graph = consistency_graph(corners_a, corners_b, distance_tolerance=tolerance)
     clock.lap("consistency")
-    neighbours = NeighbouringPoints(
-        a.occupied_points(), b.occupied_points(), voxel, max_neighbours=chosen.max_neighbours
-    )
+    neighbours = NeighbouringPoints(a.occupied_points(), b.occupied_points(), voxel, settings=chosen)
     early_align = neighbours.early_align()
     masks = np.asarray(corners_a.mask), np.asarray(corners_b.mask)
     extend = close_corners(points_a, points_b, *masks, tolerance, early_align)
@@ -88,10 +86,7 @@ def register_paper(
 
     # Section IV.D and V.B: the transform from the matches and their neighbouring points.
     first, second = found.schemes[best].T
-    radius = chosen.neighbour_radius * voxel
-    poses[best], _ = align_matches(
-        points_a[first], points_b[second], neighbours, radius=radius, num_rounds=chosen.num_rounds
-    )
+    poses[best], _ = align_matches(points_a[first], points_b[second], neighbours)
     clock.lap("transform")
 
     # What the paper leaves open: covariance and verdict.

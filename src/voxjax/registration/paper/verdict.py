@@ -37,7 +37,7 @@ def judge_schemes(
     prepared = prepare_map(a), prepare_map(b)
     hypotheses = _hypotheses(*prepared, poses, conflict_weight)
     score = hypotheses[0].score
-    rival = _rival(poses, counts, np.asarray(prepared[1].centroid), a.voxel_size)
+    rival = _rival(poses, counts, np.asarray(prepared[1].centroid), a.voxel_size, settings)
     verdict, reason = _decide(size, score, rival, settings)
     return Registration(
         T_a_b=hypotheses[0].T_a_b,
@@ -74,13 +74,14 @@ def _counts(target: PreparedMap, other: PreparedMap, poses: np.ndarray) -> np.nd
     return np.asarray(score_poses(target.codes, *target.block, points, ones, poses), np.float64)
 
 
-def _rival(poses: np.ndarray, counts: np.ndarray, centroid: np.ndarray, voxel_size: float) -> float:
+def _rival(
+    poses: np.ndarray, counts: np.ndarray, centroid: np.ndarray, voxel_size: float, settings: PaperConfig
+) -> float:
     """Fused voxels of the best scheme that puts b elsewhere, as a share of the winner's."""
     images = poses[:, :3, :3] @ centroid + poses[:, :3, 3]
     traces = np.einsum("kij,ij->k", poses[:, :3, :3], poses[0, :3, :3])
-    # A scheme is elsewhere if it puts the centroid of b more than five voxels away or turns b by more than 5 degrees.
-    is_far = np.linalg.norm(images - images[0], axis=1) > 5.0 * voxel_size
-    is_elsewhere = is_far | (traces < least_trace(5.0))
+    is_far = np.linalg.norm(images - images[0], axis=1) > settings.distinct_voxels * voxel_size
+    is_elsewhere = is_far | (traces < least_trace(settings.distinct_degrees))
     return float(counts[is_elsewhere].max(initial=0) / max(counts[0], 1))
 
 
