@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from bench.kernel_row import KernelRow, Target
+from bench.kernel_rows.checks import temporary_bytes
 from bench.kernel_rows.scene import rooms
 from voxjax._types import OCCUPIED
 from voxjax.ops.blocks.compact import occupied_indices
@@ -28,7 +29,6 @@ def _list(side: int) -> KernelRow:
     indices, mask = ours(grid)
     np.testing.assert_array_equal(np.asarray(indices)[np.asarray(mask)], expected)
     np.testing.assert_array_equal(np.asarray(nonzero(grid))[: len(expected)], expected)
-    memory = ours.memory_analysis()
     return KernelRow(
         name=f"occupied_indices, {side}^3",
         ours="occupied_indices",
@@ -42,6 +42,6 @@ def _list(side: int) -> KernelRow:
         unit="voxel",
         bytes_moved=host.size + 12.0 * size,
         targets=(Target("jnp.nonzero(size=)", 5.0), Target("np.flatnonzero", 1.0)),
-        temporary_bytes=None if memory is None else int(memory.temp_size_in_bytes),
+        temporary_bytes=temporary_bytes(ours),
         note=f"{100 * host.mean():.1f} % occupied; np.argwhere gives the same rows, np.flatnonzero one number each",
     )

@@ -93,6 +93,7 @@ def _by_numpy(a: np.ndarray, b: np.ndarray, chunk: int = 512) -> tuple[np.ndarra
     nearest, least, row_of_b = np.zeros(len(a), int), np.full(len(b), np.inf), np.zeros(len(b), int)
     for first in range(0, len(a), chunk):
         part = slice(first, first + chunk)
+        # One product of matrices for each part, which NumPy does on all cores.
         square = squares_a[part, None] + squares_b - 2 * (a[part] @ b.T)
         nearest[part] = square.argmin(axis=1)
         row = square.argmin(axis=0)

@@ -67,6 +67,7 @@ def _calls(side: int) -> dict[str, Callable[[], object]]:
 @contextmanager
 def _worker(side: int, devices: int) -> Iterator[Callable[[str], str]]:
     """A process with so many host devices; calling what this gives runs a candidate in it and waits for the end."""
+    # The number of host devices is fixed when JAX starts, so it takes a process of its own.
     flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={devices}"
     with subprocess.Popen(
         [sys.executable, "-m", "bench.kernel_rows.sharded", str(side)],

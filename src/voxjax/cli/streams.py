@@ -91,6 +91,7 @@ def printable(text: object) -> str:
 
     Names of files may hold any byte, and a terminal obeys some of them.
     """
+    # `unicode_escape` knows an escape for lone surrogates too, which no encoding of a terminal can write.
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in str(text))
 
 

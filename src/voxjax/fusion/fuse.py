@@ -108,6 +108,7 @@ def _fuse_trilinear(
             f'interpolation="trilinear" is for rule="log_odds", got rule={rule!r}; leave it out.'
         )
     grids, matrices = _checked(grids, poses, check_soft_pose)
+    # Where voxels lie and which are known decides shapes and lookups, which have no derivative.
     if any(is_traced(part) for grid in grids for part in (grid.states, grid.origin)):
         raise InputError(
             "states and origins of grids must not be traced by JAX; pass poses and log-odds alone through jit and grad."
@@ -210,6 +211,7 @@ def _source(
 ) -> _Source:
     """Put a map on the device; `low` is the first cell of the fused grid, `bound` the cells that the map can fill."""
     log_odds = None if grid.log_odds is None else flat_source(np.asarray(grid.log_odds))
+    # Backward, from the fused grid to the map: each fused voxel asks what lies at its place, so that none is missed.
     affine = source_from_target(T, np.asarray(grid.origin), grid.voxel_size, low, voxel_size)
     x_range = int(bound[0][0] - low[0]), int(bound[1][0] - low[0])
     shape = np.asarray(grid.shape, np.int32)

@@ -45,6 +45,7 @@ def _flat(normal: np.ndarray) -> np.ndarray:
 
 def _room_corners(polygon: np.ndarray, height: float) -> list[tuple[np.ndarray, np.ndarray]]:
     """Floor and ceiling with two walls."""
+    # A room is a prism of air: its normals, turned round, point into free space.
     inward = -make_prisms([(polygon, 0.0, height, "wall")]).side_normals[0]
     return [
         (np.asarray([*vertex, z]), np.stack([_flat(inward[i]), _flat(inward[i - 1]), up * _UP]))

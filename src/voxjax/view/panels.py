@@ -56,6 +56,7 @@ def trimmed(images: Sequence[Image], *, margin: int = 12) -> list[Image]:
         margin: Background that stays above and below [pixel].
     """
     is_drawn = np.any([(image != np.asarray(BACKGROUND)).any(axis=(1, 2)) for image in images], axis=0)
+    # Any row that one of them needs stays in all, so that the images keep one height.
     drawn = np.flatnonzero(is_drawn)
     if not len(drawn):
         return list(images)
