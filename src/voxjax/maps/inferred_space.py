@@ -31,8 +31,7 @@ def infer_free_space(
     Returns:
         A map of the same shape, origin and voxel size.
     """
-    # Voxels that a cell is wide: an eighth of the work, and rays do not slip through surfaces one voxel
-    # thin.
+    # Voxels that a cell is wide: an eighth of the work, and rays do not slip through surfaces one voxel thin.
     cell = 2
     states = np.asarray(grid.states)
     cells = tuple(-(-n // cell) for n in states.shape)

@@ -14,13 +14,6 @@ from ..ops.surface.moments import surface_moments
 FIELD_RADIUS = 5
 """Reach of the nearest-voxel field [voxel]: what refinement can pull in."""
 
-HIT_SQ, CLEAR_SQ = 2, 4
-"""A hit lies within 1.5 voxels of something occupied, clear space two voxels or more away."""
-
-
-MIN_PLANARITY = 0.3
-"""Below it a normal does not say which side of a surface is free."""
-
 
 class PreparedMap(eqx.Module):
     """One map, ready to be registered with any other of the same working voxel size.
@@ -97,8 +90,8 @@ def _codes(states: Array, keys: Array, num_cells: int, bounds: tuple[int, int]) 
 
 
 def _coarse_factor(voxel_size: float) -> int:
-    # Unrefined poses are off by about so much [m], whatever the voxel size: with cells of 0.6 m, large
-    # maps of 0.2 m voxels agree with each other everywhere, and the right pose drowned.
+    # Unrefined poses are off by about so much [m], whatever the voxel size: with cells of 0.6 m, large maps of 0.2 m
+    # voxels agree with each other everywhere, and the right pose drowned.
     coarse_cell = 0.3
     return int(np.clip(np.ceil(coarse_cell / voxel_size - 1e-3), 2, 3))
 
@@ -112,10 +105,15 @@ def prepare_map(grid: VoxelGrid) -> PreparedMap:
     Raises:
         InputError: If the map lies so far from the origin of its frame that float32 cannot place its voxels.
     """
+    # Squared distances [voxel^2]: a hit lies within 1.5 voxels of something occupied, clear space two or more away.
+    hit_sq, clear_sq = 2, 4
+    # Below it a normal does not say which side of a surface is free.
+    min_planarity = 0.3
     grid = grid.crop_to_known()
     check_resolution(grid)
     states = np.asarray(grid.states)
     index = grid.occupied_index()
+    # What kernels look up has one of few lengths, so that another map compiles nothing new.
     cells, rows = table_lengths(states.size, len(index))
     flat = to_device(as_table(np.ascontiguousarray(states).reshape(-1), cells))
     keys = nearest_table(index, states.shape, radius=FIELD_RADIUS)
@@ -123,7 +121,7 @@ def prepare_map(grid: VoxelGrid) -> PreparedMap:
     moments = surface_moments(states, index, size=7, reach=3)
     normals, curvature, offset = (np.asarray(a) for a in (moments.normal, moments.curvature, moments.offset))
     planarity = _planarity(curvature, np.asarray(moments.num_occupied))
-    is_planar = planarity > MIN_PLANARITY
+    is_planar = planarity > min_planarity
     points = grid.world_from_index(index)
     anchors = points + normals * (offset * is_planar * np.float32(grid.voxel_size))[:, None]
 
@@ -141,7 +139,7 @@ def prepare_map(grid: VoxelGrid) -> PreparedMap:
         num_points=len(index),
         free_share=float(np.asarray(moments.has_free).mean()),
         keys=keys,
-        codes=_codes(flat, keys, states.size, (HIT_SQ, CLEAR_SQ)),
+        codes=_codes(flat, keys, states.size, (hit_sq, clear_sq)),
         rough_codes=_codes(flat, keys, states.size, _coarse_bounds(_coarse_factor(grid.voxel_size))),
         states=flat,
         dims=to_device(np.asarray(states.shape, np.int32)),
@@ -176,9 +174,11 @@ def leverage_weights(normals: np.ndarray, planarity: np.ndarray) -> np.ndarray:
     """
     # By columns: three times as fast.
     x, y, z = columns = np.ascontiguousarray(normals.T, np.float64) * np.sqrt(planarity, dtype=np.float64)
+    # The diagonal keeps the inverse finite where no surface fixes a direction.
     information = columns @ columns.T + 1e-3 * max(len(normals), 1) * np.eye(3)
     inverse = np.linalg.inv(information)
     leverage = x * (inverse[0, 0] * x + 2.0 * inverse[0, 1] * y + 2.0 * inverse[0, 2] * z)
     leverage += y * (inverse[1, 1] * y + 2.0 * inverse[1, 2] * z) + inverse[2, 2] * z * z
+    # Leverages add up to about 3, hence 0.3 for about a tenth.
     weights = leverage + 0.3 / len(normals)
     return (weights / weights.sum()).astype(np.float32)

@@ -25,6 +25,7 @@ def pack_bits(bits: Bits) -> UInt32[Array, "m"]:
 
     The words are those of `np.packbits(bits, bitorder="little")`, read as little-endian uint32.
     """
+    # Each step closes the gaps of the one before: nibbles to bytes, bytes to half words, half words to words.
     pairs = pack_spread(bits, 2).reshape(-1, 2)
     nibbles_in_bytes = (pairs | (pairs >> np.uint32(4))) & np.uint32(0x00FF00FF)
     halves = (nibbles_in_bytes | (nibbles_in_bytes >> np.uint32(8))) & np.uint32(0xFFFF)
@@ -47,6 +48,7 @@ def pack_spread(bits: Bits, multiple: int = 1) -> UInt32[Array, "m"]:
     short = -len(bits) % (SPREAD * multiple)
     if short:
         bits = jnp.concatenate([bits, jnp.zeros(short, bits.dtype)])
+    # A byte holds one bit here: four of them are read as one word, so that one product gathers four bits.
     fours = jax.lax.bitcast_convert_type(bits.astype(jnp.uint8).reshape(-1, 4), jnp.uint32)
     if is_bytes:
         # A byte that is not 0 carries into its highest bit; compared one by one, bytes take three times as long.

@@ -160,8 +160,10 @@ def grow_regions(
     axes = jnp.asarray(normal).T
     least = jnp.asarray(min_cosine, axes.dtype)
 
+    # One column of the window at a time: cosines of all 26 neighbours at once would take more memory than the table.
     def keep_alike(column: Array) -> Array:
         for k, (row, is_joined) in enumerate(_rows_of(column)):
+            # A row past the list is joined to nothing, and must only be readable.
             other = jnp.minimum(row, index.shape[0] - 1)
             cosine = axes[0] * axes[0][other] + axes[1] * axes[1][other] + axes[2] * axes[2][other]
             is_unlike = is_joined & ((cosine if is_signed else jnp.abs(cosine)) < least)
@@ -262,11 +264,13 @@ def _label(neighbours: Int32[Array, "k n"], mask: Bool[Array, "n"], rows_of: _Ro
 
     def take_round(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         parent, _, num_rounds = state
+        # What each voxel meets: the least row that any of its neighbours points to.
         met = [jnp.where(is_joined, parent[row], num_rows) for row, is_joined in rows_of(neighbours)]
         least = jnp.min(functools.reduce(jnp.minimum, met), axis=0)
         least = jnp.where(mask, jnp.minimum(parent[:-1], least), num_rows)
         # The root learns what its voxels met, so that whole components join in one round.
         hooked = jnp.concatenate([least, nothing]).at[parent[:-1]].min(least)
+        # Paths are shortened to a quarter; longer ones wait for the next round.
         for _ in range(2):
             hooked = hooked[hooked]
         return hooked, jnp.any(hooked != parent), num_rounds + 1
@@ -274,6 +278,7 @@ def _label(neighbours: Int32[Array, "k n"], mask: Bool[Array, "n"], rows_of: _Ro
     start = jnp.concatenate([jnp.where(mask, own, num_rows), nothing])
     state = (start, jnp.asarray(True), jnp.zeros((), jnp.int32))
     root, _, num_rounds = jax.lax.while_loop(lambda state: state[1], take_round, state)
+    # Roots are the first voxels of their components, so counting them in order numbers components as SciPy does.
     is_root = mask & (root[:-1] == own)
     number = jnp.cumsum(is_root, dtype=jnp.int32)
     label = jnp.where(mask, number[jnp.minimum(root[:-1], num_rows - 1)], 0)

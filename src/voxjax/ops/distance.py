@@ -85,6 +85,7 @@ def _distance_field(occupied: Array, voxel_size: Array, *, radius: int) -> Dista
 
 def _pass_z(occupied: Array, radius: int) -> UInt8[Array, "x y z"]:
     """Twice the distance along z, plus 1 toward higher z, 255 beyond the radius; doubling steps."""
+    # Keys are exact up to `reached`; those one voxel farther away than that know as far again, so that it doubles.
     key = jnp.where(occupied, np.uint8(0), _NOTHING_8)
     reached = 0
     while reached < radius:
@@ -111,6 +112,7 @@ def _pass_y(key: Array, radius: int) -> UInt16[Array, "x y z"]:
     for step in range(-radius, radius + 1):
         other = shifted(step)
         added = np.uint16((step * step) << 6 | (step + _MIDDLE) << 1)
+        # Compared before the sum, which wraps round where nothing was near.
         is_near = other < np.uint16((radius * radius - step * step + 1) << 6)
         best = jnp.minimum(best, jnp.where(is_near, other + added, _NOTHING_16))
     return best
@@ -135,6 +137,7 @@ def _decode(key: Array, voxel_size: Array, radius: int) -> DistanceField:
     squared = (key >> 11).astype(jnp.int32)
     dx = ((key >> 6) & 31).astype(jnp.int32) - _MIDDLE
     dy = ((key >> 1) & 31).astype(jnp.int32) - _MIDDLE
+    # What x and y leave of the squared distance is that of z, a whole number; rounding the root takes out its error.
     rest = jnp.maximum(squared - dx * dx - dy * dy, 0).astype(jnp.float32)
     length = jnp.round(jnp.sqrt(rest)).astype(jnp.int32)
     dz = jnp.where((key & 1) == 1, length, -length)

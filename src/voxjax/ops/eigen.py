@@ -100,6 +100,7 @@ def _decompose_jvp(
     gap = values[None, :] - values[:, None]
     scale = tolerance * jnp.maximum(jnp.abs(values[0]), jnp.abs(values[2]))
     is_apart = jnp.abs(gap) > scale[None, None]
+    # Both sides of the division are guarded: a 0 / 0 that is not chosen would still be NaN in the next derivative.
     turn = jnp.where(is_apart, inner, 0) / jnp.where(is_apart, gap, 1)
     moved = jnp.einsum("ij...,ia...->ja...", turn, vectors)
     diagonal = jnp.stack([inner[k, k] for k in range(3)])
@@ -123,6 +124,8 @@ def _decomposed(entries: Float[Array, "6 *n"]) -> tuple[Array, Array]:
 
 def _closed_form(entries: Float[Array, "6 n"]) -> tuple[Float[Array, "3 n"], Float[Array, "3 3 n"]]:
     dtype = entries.dtype
+    # Without scale, mean and spread the values are 2 cos of three angles a third of a turn apart (Smith), and products
+    # of three entries neither overflow nor vanish in float32.
     scale = jnp.max(jnp.abs(entries), axis=0)
     scale_safe = jnp.where(scale > 0, scale, 1)
     xx, yy, zz, xy, xz, yz = (entries[k] / scale_safe for k in range(6))
@@ -134,6 +137,9 @@ def _closed_form(entries: Float[Array, "6 n"]) -> tuple[Float[Array, "3 n"], Flo
     part = jnp.where(is_round, 0, 1 / jnp.where(is_round, 1, spread))
     xx, yy, zz, xy, xz, yz = (part * entry for entry in (xx, yy, zz, xy, xz, yz))
     half_det = (xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)) / 2
+    # The value that stands apart is the largest where the determinant is positive, else the smallest. It is
+    # twice the cosine of a third of the angle whose cosine is |half_det|, up to its sign, and a short polynomial in the
+    # cosine of half that angle.
     is_high = half_det >= 0
     lone = _two_cosines(jnp.sqrt((1 + jnp.clip(jnp.abs(half_det), 0, 1)) / 2))
     lone = jnp.where(is_high, lone, -lone)
@@ -152,6 +158,8 @@ def _closed_form(entries: Float[Array, "6 n"]) -> tuple[Float[Array, "3 n"], Flo
             + p[2] * (xz * q[0] + yz * q[1] + zz * q[2])
         )
 
+    # The two values that may lie close together come from the 2 x 2 problem of their own plane, which one rotation
+    # solves: their difference is computed as such, and not as that of two cosines.
     uu, vv, uv = form(u, u), form(v, v), form(u, v)
     middle, half = (uu + vv) / 2, (uu - vv) / 2
     radius = jnp.sqrt(half * half + uv * uv)

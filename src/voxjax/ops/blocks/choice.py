@@ -64,6 +64,8 @@ def box_count_at(
     is_small = occupied.size < MIN_VOXELS
     if implementation == "dense" or (implementation is None and (is_traced or is_small)):
         return _dense_at(occupied, index, size=size)
+    # Only the voxels asked for say how many blocks it takes: the number is read back, for it decides the way and the
+    # length of the list.
     flags = _blocks_of(index, lattice=block_lattice(occupied.shape))
     count = int(jnp.sum(flags, dtype=jnp.int32))
     if implementation is None and count > MAX_BLOCK_SHARE * flags.size:

@@ -56,7 +56,7 @@ def occupied_indices(
 
 def _flat_indices(bits: Array, size: int) -> tuple[jax.Array, jax.Array]:
     """Places of the first `size` set bits, 0 where there are fewer, and the mask of those that are there."""
-    # A window of as many slots as a group has voxels, in two windows of 8.
+    # A window of as many slots as a group has voxels, in two windows of 8: 16 comparisons a slot instead of 64.
     steps = 8, 8
     words = pack_spread(bits, _GROUP)
     counts = jax.lax.population_count(words).astype(jnp.int32).reshape(-1, _GROUP)
@@ -64,7 +64,7 @@ def _flat_indices(bits: Array, size: int) -> tuple[jax.Array, jax.Array]:
     last = _running_sum(per_group)
     first = last - per_group
     # Each group with a voxel writes its number at its first slot. Numbers grow, so the largest one among as many slots
-    # as a group can fill is that of the slot's own group.
+    # as a group can fill is that of the slot's own group. Groups without a voxel write past the end, which is dropped.
     slot_of_group = jnp.where(per_group > 0, first, size)
     number = jnp.arange(len(per_group), dtype=jnp.int32)
     group = jnp.zeros(size, jnp.int32).at[slot_of_group].set(number, mode="drop")
@@ -109,6 +109,7 @@ def _select_bit(words: Array, start: Array, rank: Array) -> jax.Array:
     parts = [_take(words, start + k) for k in range(_GROUP)]
     counts = [jax.lax.population_count(part).astype(jnp.int32) for part in parts]
     place = jnp.zeros_like(rank)
+    # Halve the words until one is left: the voxel is in the high half if the low one has no more than `rank`.
     while len(parts) > 1:
         half = len(parts) // 2
         below = sum(counts[1:half], counts[0])

@@ -94,6 +94,7 @@ def cut_blocks(words: Words, flags: Bool[Array, "bx by bz"], *, halo: int, capac
     index = jnp.where(mask[:, None], listed, jnp.asarray(lattice, jnp.int32)[None, :])
     num_found = jnp.sum(flags, dtype=jnp.int32)
     if 0 in lattice:
+        # The words of an empty grid are margin alone, which may be smaller than the slice of one block.
         side = BLOCK + 2 * halo
         return Blocks(jnp.zeros((capacity, side, side), jnp.uint32), index, mask, num_found)
     cut = _cut(jnp.asarray(words), listed, halo)
@@ -112,6 +113,7 @@ def _cut(words: jax.Array, index: jax.Array, halo: int) -> jax.Array:
     def two_words(corner: jax.Array, word: jax.Array) -> jax.Array:
         return jax.lax.dynamic_slice(words, (corner[0], corner[1], word), (side, side, 2))
 
+    # Behind the barrier each slice is cut once, though both of its words are read below.
     pairs = jax.lax.optimization_barrier(jax.vmap(two_words)(corner, bit // WORD))
     shift = (bit % WORD).astype(jnp.uint32)[:, None, None]
     # A shift by a whole word is not defined, hence the high part in two steps.
@@ -145,9 +147,10 @@ def count_in_blocks(blocks: Blocks, *, size: int = 7) -> UInt16[Array, "k 8 8 8"
     spare = blocks.halo - reach
     side = BLOCK + 2 * reach
     rows = blocks.words[:, spare : spare + side, spare : spare + side] >> np.uint32(spare)
+    # z and y are summed in the bytes of words, four voxels at a time: fewer bytes to move than a count for each voxel.
     halves = [_sum_along(_count_along_z(rows, half, size), 1, size) for half in (0, 4)]
     pairs = jax.lax.optimization_barrier(jnp.stack(halves, axis=-1))
-    # Four counts of one byte in each word, in the order of z; two summed axes hold at most 225.
+    # Four counts of one byte in each word, in the order of z; two summed axes hold at most 225, the third needs uint16.
     counts = jax.lax.bitcast_convert_type(pairs, jnp.uint8).reshape(-1, BLOCK, side, BLOCK)
     return _sum_along(counts.astype(jnp.uint16), 2, size)
 
@@ -165,6 +168,7 @@ def _count_along_z(rows: Array, first: int, size: int) -> Array:
 def _sum_along(terms: Array, axis: int, size: int) -> Array:
     """Sums of `size` neighbours along one axis where all of them are there, built from sums of 1, 2, 4, 8."""
     length = terms.shape[axis] - size + 1
+    # Sums of 1, 2, 4 and 8 terms come by doubling; those that the binary digits of `size` name are joined end to end.
     total, start, width = None, 0, 1
     while True:
         if size & width:

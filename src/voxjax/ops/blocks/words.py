@@ -37,7 +37,9 @@ def pack_words(occupied: Occupied) -> Words:
         return _pack(occupied)
     x, y, _ = occupied.shape
     packed = np.packbits(occupied, axis=2, bitorder="little")
+    # The bytes of `packbits` go where the words lie, the lowest first on any machine, hence the explicit byte order.
     words = np.zeros(_words_shape(occupied.shape), "<u4")
+    # One word of margin along z, in bytes.
     margin = WORD // 8
     words.view(np.uint8)[BLOCK : BLOCK + x, BLOCK : BLOCK + y, margin : margin + packed.shape[2]] = packed
     return words.astype(np.uint32, copy=False)

@@ -56,11 +56,14 @@ def agreement_matrix(
         length_a, cosines_a = angles(point_a, normal_a, points_a, normals_a)
         length_b, cosines_b = angles(point_b, normal_b, points_b, normals_b)
         allowed = jnp.maximum(distance_tolerance, tolerance)
+        # Nearer than that, the errors of the two points are as long as the line between them, whose direction and
+        # length then rule nothing out.
         is_apart = jnp.minimum(length_a, length_b) > 2.0 * allowed
         same_distance = jnp.abs(length_a - length_b) <= allowed
         same_angles = jnp.all(jnp.abs(cosines_a - cosines_b) <= cosine_tolerance, axis=0)
         return is_apart & same_distance & same_angles & mask & is_valid
 
+    # In chunks of rows: all at once would hold the directions of n * n pairs.
     each = (points_a, normals_a, points_b, normals_b, mask, distance_tolerance)
     return jax.lax.map(row, each, batch_size=min(chunk, max(points_a.shape[0], 1)))
 
@@ -83,6 +86,7 @@ def greedy_cliques(
     """
     n = agreement.shape[0]
     edges = agreement.astype(jnp.float32)
+    # Neighbours that two nodes share, by one product; float32 holds such counts exactly.
     shared = jnp.where(agreement, edges @ edges, -1.0)
     index = jnp.arange(n, dtype=jnp.int32)
 
@@ -90,6 +94,7 @@ def greedy_cliques(
         members, candidates, step = state
         support = jnp.where(candidates, shared, -1.0)
         best = jnp.max(support, axis=1)
+        # The lowest of the best, so that ties fall alike on every device.
         choice = jnp.min(jnp.where((support >= best[:, None]) & candidates, index[None], n), axis=1)
         is_growing = choice < n
         choice = jnp.minimum(choice, n - 1)
@@ -133,6 +138,7 @@ def poses_from_matches(
         share = (weight / jnp.maximum(jnp.sum(weight, dtype=weight.dtype), 1e-12))[:, None]
         mean_a = jnp.sum(share * points_a, axis=0, dtype=weight.dtype)
         mean_b = jnp.sum(share * points_b, axis=0, dtype=weight.dtype)
+        # Points are centred before they are multiplied, which keeps the digits of float32; directions have no place.
         cross = (share * (points_b - mean_b[None])).T @ (points_a - mean_a[None])
         cross = cross + normal_weight * ((share * normals_b).T @ normals_a)
         rotation = rigid.nearest_rotation(cross).T

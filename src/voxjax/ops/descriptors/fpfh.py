@@ -22,9 +22,6 @@ from .items import ItemWork
 from .pairs import MOST_BINS, bytes_of, closeness, count_bins, is_within, monomials, pair_bins
 from .tiles import LEAF, TILE, NearTiles, padded_tiles
 
-NUM_BINS = 11
-"""Bins of each of the three histograms, as in the publication of FPFH."""
-
 
 def surface_normals(
     points: Float32[Array, "n 3"], near: NearTiles, *, radius: float | Float32[Array, ""]
@@ -74,7 +71,7 @@ def point_feature_histograms(
     *,
     radius: float | Float32[Array, ""],
     spacing: float | Float32[Array, ""],
-    num_bins: int = NUM_BINS,
+    num_bins: int = 11,
 ) -> Float32[Array, "n d"]:
     """Describe each point by how the normals around it lie.
 
@@ -90,7 +87,7 @@ def point_feature_histograms(
         near: Tiles of these points near each other, of this radius or a larger one.
         radius: Neighbours farther than this [m] are left out; so are points at the same place.
         spacing: Distance between neighbouring points [m]; weights stop growing below half of it.
-        num_bins: Bins of each of the three histograms, 2 to 255.
+        num_bins: Bins of each of the three histograms, 2 to 255; the publication has 11.
 
     Returns:
         (n, 3 num_bins): the square roots of the three histograms, each histogram summing to 1 (to 0 for
@@ -123,12 +120,14 @@ def _histograms(
     xp, width, square = work.xp, 3 * num_bins, radius * radius
     tables = work.tables(xp.concatenate([points, normals], axis=1).T)
 
+    # First pass: the simple descriptor of each point, as counts of bytes.
     def simple(tiles: Any, halves: Any) -> Any:
         word = pair_bins(*work.take(tables, tiles, halves), square, num_bins=num_bins)
         bins = bytes_of(np.asarray(word) if from_host else word)
         return count_bins(bins, num_bins=num_bins)
 
     def shares(counts: Any) -> Any:
+        # A word of bins has four bytes, and there are three angles: the last byte is left out.
         by_point = counts.reshape(-1, num_bins, TILE, 4).transpose(0, 2, 3, 1)[:, :, :3]
         by_point = by_point.reshape(-1, LEAF, width)
         return by_point / xp.maximum(by_point[..., :num_bins].sum(axis=2, keepdims=True), xp.float32(1))
@@ -137,10 +136,12 @@ def _histograms(
     histograms = histograms.reshape(-1, LEAF, width)
     places = tables[0][:3], tables[1][:3]
 
+    # Second pass: each point takes the mean of its neighbours' simple descriptors, the near ones weighing more.
     def smooth(tiles: Any, halves: Any) -> Any:
         weights = closeness(*work.take(places, tiles, halves), square, spacing)
         return work.mix(weights, lambda part: xp.take(histograms, halves[part], axis=0))
 
+    # The weights need no sum of their own: each histogram is brought to the sum 1 before the roots.
     def roots(total: Any) -> Any:
         total = total.reshape(-1, 3, num_bins)
         mass = total.sum(axis=2, keepdims=True)
@@ -174,7 +175,7 @@ def _fit(sums: Float32[Array, "10 n"]) -> tuple[Float32[Array, "3 n"], Float32[A
 
 def _fit_pieces(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """`_fit`, always for as many points at once."""
-    # Points whose planes are fitted at once on a CPU.
+    # Points whose planes are fitted at once on a CPU: one size, so that another number of points compiles nothing.
     fits = 4096
 
     def fit(rows: np.ndarray, _: np.int32) -> tuple[np.ndarray, Array]:

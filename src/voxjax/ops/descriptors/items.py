@@ -19,12 +19,7 @@ from .pairs import FAR
 from .tiles import GROUP, LEAF, TILE, NearTiles
 
 _ITEMS = 512
-_ITEMS_ELSEWHERE = 1024
-"""Items of a piece on a CPU, a million pairs (smaller ones wait longer for their calls), and on other devices."""
-_TILES = 256
-"""Tiles whose sums are worked on at once on a CPU."""
-_PRODUCTS = 32
-"""Items whose products are taken at once on a CPU."""
+"""Items of a piece on a CPU, a million pairs; smaller ones wait longer for their calls."""
 
 Evaluate = Callable[[Any, Any], Any]
 """From the tiles (i,) and the half tiles near them (i, 16) of some items to what each adds: (i, *shape)."""
@@ -72,9 +67,11 @@ class ItemWork:
         """
         if not self.from_host:
             return jnp.einsum("iht,ihw->itw", weights, values(slice(None)).reshape(*weights.shape[:2], -1))
+        # So few items at once that weights, values and products stay in the cache of a core.
+        together = 32
         turned, products = np.asarray(weights).swapaxes(1, 2), []
-        for first in range(0, len(turned), _PRODUCTS):  # in the cache of a core still, with their values
-            part = slice(first, first + _PRODUCTS)
+        for first in range(0, len(turned), together):
+            part = slice(first, first + together)
             products.append(
                 np.matmul(turned[part], values(part).reshape(len(turned[part]), GROUP * LEAF, -1))
             )
@@ -91,8 +88,10 @@ class ItemWork:
         """A function that takes each tile for itself, of the rows (t, ...) of all tiles; rows (t, ...) as well."""
         if not self.from_host:
             return function(tiles)
-        firsts = range(0, len(tiles), _TILES)
-        return np.concatenate(spread(lambda first: function(tiles[first : first + _TILES]), firsts))
+        # Tiles of one call: enough calls for all cores, and what each writes in between stays in a cache.
+        together = 256
+        firsts = range(0, len(tiles), together)
+        return np.concatenate(spread(lambda first: function(tiles[first : first + together]), firsts))
 
     def by_point(self, values: Any, count: int) -> Any:
         """Values (16 t, w) in the order of the points: (count, w)."""
@@ -114,6 +113,7 @@ def _add_pieces(evaluate: Evaluate, near: NearTiles, total: np.ndarray) -> np.nd
         values, tiles = np.asarray(evaluate(tiles, halves)), tiles[:count]
         starts = np.flatnonzero(np.diff(tiles, prepend=-1))
         counts = np.diff(starts, append=len(tiles))
+        # Tiles with the most items first, so that those that have a k-th one are always a slice.
         starts, counts = (rows[np.argsort(-counts, kind="stable")] for rows in (starts, counts))
         # The k-th items of all tiles that have one: `np.add.reduceat` takes four times as long.
         sums = values[starts].astype(np.float32)
@@ -129,7 +129,9 @@ def _add_pieces(evaluate: Evaluate, near: NearTiles, total: np.ndarray) -> np.nd
 
 def _scan(evaluate: Evaluate, near: NearTiles, total: jax.Array) -> jax.Array:
     """Sums by tile, one piece after the other."""
-    size = min(_ITEMS_ELSEWHERE, max(near.own.shape[0], 1))
+    # Items of one step: what they are evaluated to bounds the memory, however many there are.
+    items = 1024
+    size = min(items, max(near.own.shape[0], 1))
     padding = -near.own.shape[0] % size
     tiles = jnp.pad(near.own, (0, padding)).reshape(-1, size)
     halves = jnp.pad(near.others, ((0, padding), (0, 0)), constant_values=near.rows.shape[0] - 1)

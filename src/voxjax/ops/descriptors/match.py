@@ -12,8 +12,6 @@ from ..._runtime.placement import are_numpy, on_host
 from ..._runtime.threads import spread
 from ..._types import Array
 
-_CHUNK = 64
-"""Rows compared at once by the kernel that compares all."""
 _ROWS, _COLUMNS = 512, 1024
 """Sizes of a block on a CPU: smaller ones cost more calls, larger ones memory that is given back and cleared again."""
 _APART = 1e30
@@ -63,6 +61,7 @@ def _mutual_nearest_on_host(
     n, m = len(a), len(b)
     left, right = _factors(a, mask_a, _ROWS, is_left=True), _factors(b, mask_b, _COLUMNS, is_left=False)
 
+    # All columns for some rows: the best so far stays with them, and only one block of squares is held.
     def run(first: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         rows = left[first : first + _ROWS]
         nearest, least = np.zeros(_ROWS, np.int32), np.full(_ROWS, np.inf, np.float32)
@@ -81,6 +80,7 @@ def _mutual_nearest_on_host(
 
     parts = spread(run, range(0, len(left), _ROWS))
     row_of_b, least_of_b = np.full(len(right), -1, np.int32), np.full(len(right), np.inf, np.float32)
+    # Strictly less, and parts in the order of their rows: ties go to the lower row, however many cores there are.
     for _, _, row, value in parts:
         closer = value < least_of_b
         row_of_b[closer], least_of_b[closer] = row[closer], value[closer]
@@ -98,6 +98,7 @@ def _factors(descriptors: np.ndarray, mask: np.ndarray, block: int, *, is_left: 
     one = np.ones_like(norm)
     rows = np.concatenate([values, one, norm] if is_left else [-2 * values, norm, one], axis=1)
     padded = pad_rows(rows, -(-len(rows) // block) * block)
+    # Padding is as far from everything as rows that take no part.
     padded[len(rows) :, -1 if is_left else -2] = _APART
     padded[len(rows) :, -2 if is_left else -1] = 1.0
     return padded
@@ -116,7 +117,7 @@ def mutual_nearest_kernel(
     mask_a: Bool[Array, "n"],
     mask_b: Bool[Array, "m"],
     *,
-    chunk: int = _CHUNK,
+    chunk: int = 64,
 ) -> tuple[Int[Array, "n"], Bool[Array, "n"], Float[Array, "n"]]:
     """`mutual_nearest` as one kernel, `chunk` rows of a compared with all of b at once."""
     n, dtype = descriptors_a.shape[0], descriptors_a.dtype
@@ -142,6 +143,7 @@ def mutual_nearest_kernel(
     (_, row_of_b), (nearest, square) = jax.lax.scan(compare, start, (firsts, rows, norms))
     nearest, square = nearest.reshape(-1)[:n], square.reshape(-1)[:n]
     is_mutual = mask_a & jnp.isfinite(square) & (row_of_b[nearest] == jnp.arange(n, dtype=jnp.int32))
+    # A square taken apart into a product and two norms may round to less than 0.
     return nearest, is_mutual, jnp.maximum(square, 0.0)
 
 

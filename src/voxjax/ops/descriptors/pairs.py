@@ -18,9 +18,6 @@ FAR = 1e9
 """Coordinate of places without a point; its square is a float32 still."""
 MOST_BINS = 255
 """Bins a histogram may have; one byte is left for none."""
-_NONE = 0xFFFFFF
-_SLACK = 2.0**-14
-"""How much narrower half a histogram is [bin]: more than the rounding of a cosine, so that none is beyond the last."""
 
 
 def _offsets(own: Array, others: Array) -> tuple[list[Array], Array]:
@@ -37,7 +34,7 @@ def is_within(
 
     Args:
         own: Rows x, y, z, whatever follows.
-        others: The same.
+        others: Rows x, y, z of the other points, whatever follows.
         square: Square of the largest distance.
     """
     return (_offsets(own, others)[1] <= square).astype(jnp.float32)
@@ -46,6 +43,8 @@ def is_within(
 @jax.jit
 def monomials(own: Float32[Array, "c i 16"], others: Float32[Array, "c i 128"]) -> Float32[Array, "i 128 10"]:
     """1, x, y, z, xx, yy, zz, xy, xz, yz of the others, relative to the first own point; 0 for those FAR away."""
+    # All items of a tile count from the same point, so that their sums add up; and from one nearby, for products of
+    # small offsets keep the digits that float32 loses of squared coordinates.
     x, y, z = (others[k] - own[k, :, :1] for k in range(3))
     is_point = others[0] < 0.5 * FAR
     x, y, z = (jnp.where(is_point, c, 0.0) for c in (x, y, z))
@@ -86,6 +85,8 @@ def pair_bins(
         square: Square of the radius.
         num_bins: Bins of each histogram.
     """
+    # Three bytes of 255, which is the number of no bin.
+    none = 0xFFFFFF
     (x, y, z), length = _offsets(own, others)
     is_neighbor = (length <= square) & (length > 0.0)
     nx, ny, nz = (own[k, :, None, :] for k in range(3, 6))
@@ -100,7 +101,7 @@ def pair_bins(
         | _share_bin(ahead * jax.lax.rsqrt(safe), num_bins, byte=1)
         | _turn_bin((back - ahead * along) * across, along, num_bins) << 16
     )
-    return jnp.where(is_neighbor, word, _NONE).astype(jnp.uint32)
+    return jnp.where(is_neighbor, word, none).astype(jnp.uint32)
 
 
 def _share_bin(cosine: Array, num_bins: int, *, byte: int) -> Array:
@@ -109,8 +110,10 @@ def _share_bin(cosine: Array, num_bins: int, *, byte: int) -> Array:
     Above a power of two beyond the number of bins the bits of a float32 are those of the integer part and then those of
     the fraction. Converting to integers takes several times as long, as it must hold for all numbers.
     """
+    # How much narrower half a histogram is [bin]: more than the rounding of a cosine, so that none is beyond the last.
+    slack = 2.0**-14
     size = num_bins.bit_length()
-    share = cosine * (0.5 * num_bins - _SLACK) + (0.5 * num_bins + 2.0**size)
+    share = cosine * (0.5 * num_bins - slack) + (0.5 * num_bins + 2.0**size)
     shift = 23 - size - 8 * byte
     bits = jax.lax.bitcast_convert_type(share, jnp.int32)
     return (bits >> shift if shift >= 0 else bits << -shift) & ((1 << size) - 1 << 8 * byte)
@@ -121,6 +124,8 @@ def _turn_bin(sine: Array, cosine: Array, num_bins: int) -> Array:
 
     The cosine over the sum of both magnitudes falls as the angle grows from 0 to pi. The angle of (0, 0) is 0.
     """
+    # Borders between 0 and pi alone; the sign of the sine mirrors them. The sum of magnitudes scales the cosine without
+    # the root that a length would take.
     half = num_bins // 2
     borders = np.pi * (2 * np.arange(1, half + 1) - num_bins % 2) / num_bins
     borders = borders[borders < np.pi - 1e-9]

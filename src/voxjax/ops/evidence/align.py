@@ -18,9 +18,6 @@ from ..._types import Array
 from .lookup import Block, row_entries, turn_columns
 from .nearest import nearest_rows
 
-DAMPING = 1e-4
-"""Share of the mean diagonal added to the normal equations: directions that no surface fixes do not move."""
-
 
 def align_poses(
     keys: UInt32[Array, "flat"],
@@ -116,6 +113,8 @@ def _align_piece(
     """The first `count` poses aligned, the others as they are."""
     alignment = _Alignment.of(target, points, weights, start, final)
 
+    # A loop with a traced end: any number of poses is one program, and steps are not batched, under which what is
+    # looked up would not stay written down (`materialized`).
     def one(i: jax.Array, aligned: jax.Array) -> jax.Array:
         return aligned.at[i].set(_align(alignment, poses[i], num_steps=num_steps))
 
@@ -141,6 +140,8 @@ class _Alignment(NamedTuple):
 
     def step(self, T: Array, progress: Array) -> Array:
         """One re-weighted Gauss-Newton step; `progress` from 0 to 1 shrinks the robust scale."""
+        # Share of the mean diagonal added to the normal equations: directions that no surface fixes do not move.
+        share = 1e-4
         target, centre, weights = self.target, self.centre, self.weights
         scale = (
             target.block.voxel_size
@@ -148,23 +149,29 @@ class _Alignment(NamedTuple):
             * (self.final_distance / self.start_distance) ** progress
         )
         is_valid = target.block.voxel_size > 0
+        # Match: the nearest occupied voxel of each point and the normal there.
         is_near, row = nearest_rows(target.keys, lambda: target.block.cells_under(T, self.columns), is_valid)
         surface, normal = materialized(
             lambda: (row_entries(target.surface, row), row_entries(target.normals, row)), is_valid
         )
+        # Turns act about the centre of the points: about the origin of the frame they would move far points too, and
+        # float32 would lose the digits of the small angles.
         arm = turn_columns(T, self.centred)
         image = T[:3, :3] @ centre + T[:3, 3]
         gap = [arm[k] + (image[k] - surface[k]) for k in range(3)]
         residual = gap[0] * normal[0] + gap[1] * normal[1] + gap[2] * normal[2]
         distance_sq = gap[0] * gap[0] + gap[1] * gap[1] + gap[2] * gap[2]
+        # Weights fall with the distance to the matched voxel, not to its plane, which reaches beyond its surface.
         robust = 1.0 / (1.0 + distance_sq / (scale * scale)) ** 2
         weight = jnp.where(is_near, weights * robust, 0.0)
         turn = [arm[k - 2] * normal[k - 1] - arm[k - 1] * normal[k - 2] for k in range(3)]
+        # The residual as a seventh row: one product gives normal matrix and gradient.
         jacobian = jnp.stack([*normal, *turn, residual])
         system = (jacobian * weight[None, :]) @ jacobian.T
         hessian, gradient = system[:6, :6], system[:6, 6]
-        damping = DAMPING * jnp.trace(hessian) / 6.0 + 1e-12
+        damping = share * jnp.trace(hessian) / 6.0 + 1e-12
         delta = -jnp.linalg.solve(hessian + damping * jnp.eye(6, dtype=jnp.float32), gradient)
+        # A start that meets few points must not be thrown far [m, rad].
         delta = jnp.clip(delta, -0.5, 0.5)
         rotation = rigid.exp_so3(delta[3:]) @ T[:3, :3]
         moved = image + delta[:3]

@@ -47,6 +47,8 @@ def coarse_spectra(
     """
     axes = [(jnp.arange(n, dtype=jnp.float32) + 0.5) * cell_size for n in cells]
     centres = jnp.stack(jnp.meshgrid(*axes, indexing="ij"), axis=-1) + low[None, None, None, :]
+    # What the map offers is looked up at the centres of cells, turned back into its frame: no cell is missed, as some
+    # would be if voxels were brought to cells.
     code = lookup(codes, Block.of(dims, origin, voxel_size), centres @ rotation, NOTHING)
     offer = jnp.where(code == HIT, 1.0, jnp.where(code == CONFLICT, -conflict_weight, 0.0)).astype(
         jnp.float32
@@ -74,8 +76,10 @@ def correlation_peaks(
     Returns:
         Scores, best first, and translations [cell], modulo the block, in [0, cells).
     """
+    # Both directions are summed before the one transform back.
     spectrum = offer_a * jnp.conj(ask_b) + ask_a * jnp.conj(offer_b)
     score = jnp.fft.irfftn(spectrum, s=cells)
+    # One peak a block: the neighbours of the highest cell would otherwise take the places of other translations.
     nx, ny, nz = (n // block for n in cells)
     blocks = score.reshape(nx, block, ny, block, nz, block).transpose(0, 2, 4, 1, 3, 5).reshape(-1, block**3)
     inner = jnp.argmax(blocks, axis=1).astype(jnp.int32)

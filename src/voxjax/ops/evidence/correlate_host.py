@@ -62,12 +62,15 @@ def coarse_spectra_on_host(
         x, y, z = ((np.arange(n) * step[i, axis]).astype(np.float32) for i, n in enumerate(box))
         return (x[:, None] + (y + np.float32(start[axis]))[None, :])[:, :, None] + z[None, None, :]
 
+    # What the map offers: codes at the centres of cells, as values.
     flat, is_inside = cells_on_host(map(place, range(3)), codes.shape)
     code = np.take(codes.reshape(-1), flat) * is_inside
     values = np.zeros(4, np.float32)
     values[HIT], values[CONFLICT] = 1.0, -conflict_weight
     offer = np.take(values, code)
 
+    # What the map asks: the weights of its voxels by cell. Rounding may put a voxel a hair outside of its box,
+    # hence the clip.
     turn, shift = (rotation / cell_size).astype(np.float32), (low / cell_size).astype(np.float32)
     flat = np.zeros(1, np.int32)
     for axis, places in enumerate(turned_on_host(turn, columns)):
@@ -120,6 +123,7 @@ def correlation_peaks_on_host(
     spectrum += ask_a * np.conj(offer_b)
     score = np.asarray(irfftn(spectrum, s=cells, overwrite_x=True))
     best = score
+    # The largest of each block, one axis after the other; where it lies is only looked for in the blocks that are kept.
     for axis in range(3):
         parts = [np.take(best, range(i, best.shape[axis], PEAK_BLOCK), axis=axis) for i in range(PEAK_BLOCK)]
         best = np.maximum(np.maximum(parts[0], parts[1]), np.maximum(parts[2], parts[3]))

@@ -20,7 +20,7 @@ class Block(NamedTuple):
     Attributes:
         dims: Size [voxel].
         origin: Outer corner [m].
-        voxel_size: [m].
+        voxel_size: Width of a voxel [m].
     """
 
     dims: Int32[Array, "3"]
@@ -34,6 +34,7 @@ class Block(NamedTuple):
 
     def cells_under(self, T: Array, columns: Array) -> tuple[Array, Array]:
         """Cells of points (as rows x, y and z) under a pose, and whether they lie inside."""
+        # The pose is brought to voxels once, and not each point.
         rotation, shift = T[:3, :3] / self.voxel_size, (T[:3, 3] - self.origin) / self.voxel_size
         return self.cells_at([c + shift[i] for i, c in enumerate(turn_columns(rotation, columns))])
 
@@ -45,6 +46,7 @@ class Block(NamedTuple):
             cell.astype(jnp.uint32) < self.dims[i].astype(jnp.uint32) for i, cell in enumerate((x, y, z))
         ]
         is_inside = is_below[0] & is_below[1] & is_below[2]
+        # Outside, where the product may wrap round, cell 0 is looked up, so that no lookup need check its bounds.
         return jnp.where(is_inside, (x * self.dims[1] + y) * self.dims[2] + z, 0), is_inside
 
 

@@ -21,7 +21,6 @@ INDEX_BITS = 26
 """A key is `squared distance << 26 | index`: 67 million voxels, squared distances below 63."""
 
 NOTHING_NEAR = np.uint32(0xFFFFFFFF)
-MAX_RADIUS = 7
 
 
 @partial(jax.jit, static_argnames=("flat_size", "radius"))
@@ -50,8 +49,10 @@ def nearest_field(
     Raises:
         InputError: If the radius or the number of rows does not fit the key, or the field is too long for int32.
     """
-    if not 1 <= radius <= MAX_RADIUS:
-        raise InputError(f"radius must be 1 to {MAX_RADIUS} voxels, got {radius}.")
+    # Its square must fit the six bits of a key.
+    max_radius = 7
+    if not 1 <= radius <= max_radius:
+        raise InputError(f"radius must be 1 to {max_radius} voxels, got {radius}.")
     if index.shape[0] >= 1 << INDEX_BITS:
         raise InputError(f"index must list fewer than {1 << INDEX_BITS} voxels, got {index.shape[0]}.")
     check_cells(flat_size, 0, "a field", "take a larger voxel size, or work tile by tile")
@@ -59,6 +60,7 @@ def nearest_field(
     strides = jnp.stack([dims[1] * dims[2], dims[2], jnp.ones_like(dims[2])])
     is_inside = mask & jnp.all((index >= 0) & (index < dims[None, :]), axis=1)
     flat = jnp.where(is_inside, jnp.sum(index * strides[None, :], axis=1, dtype=jnp.int32), flat_size)
+    # Rows outside and padding write past the end, which is dropped; of rows with one voxel the first one stays.
     field = jnp.full((flat_size,), NOTHING_NEAR, dtype=jnp.uint32).at[flat].min(row, mode="drop")
     for axis in range(3):
         field = _spread_along(field, strides[axis], dims[axis], radius)
@@ -93,6 +95,8 @@ def _spread_along(field: Array, stride: Array, size: Array, radius: int) -> Arra
     Keys farther than the radius are dropped at once, so that no sum leaves its six bits.
     """
     place = jnp.arange(field.shape[0], dtype=jnp.int32) // stride % size
+    # Twice in a row: a shift by a stride that is known at run time only is one slice of it. What comes from beyond the
+    # axis is told by its place.
     twice = jnp.concatenate([field, field])
 
     def take_step(step: Array, best: Array) -> Array:

@@ -40,6 +40,7 @@ def nearest_field_on_host(
     width, height, depth = shape
     field = reserve(length, dtype=np.uint32)
     block = field[: width * height * depth].reshape(shape)
+    # The list is in C order: the voxels of a plane are a slice of it, so slabs need no search.
     first = np.searchsorted(index[:, 0], np.arange(width + 1))
     # A gap after each row and each plane, so that steps along an axis never leave it.
     gapped = (height + radius, depth + radius)
@@ -56,6 +57,7 @@ def nearest_field_on_host(
         _spread_along(flat, gapped[1], radius)
         block[start:end] = keys[:, :height, :depth]
 
+    # Along x all planes are needed, so this pass cuts the block the other way, and begins when the first one has ended.
     columns = block.reshape(width, -1)
     across = max(SLAB // max(width, 1), 1)
 
@@ -71,6 +73,8 @@ def nearest_field_on_host(
 
 def _spread_along(keys: np.ndarray, stride: int, radius: int) -> None:
     """Least key along one axis in place, the squared step added; keys farther than the radius are dropped."""
+    # What is farther than the radius counts as one more than its square: a squared step added to it fits 32 bits still,
+    # where one added to the mark of nothing would wrap round.
     beyond = np.uint32((radius * radius + 1) << INDEX_BITS)
     source = np.minimum(keys, beyond)
     best, other = source.copy(), np.empty_like(source)

@@ -91,13 +91,10 @@ class SurfaceField(NamedTuple):
         """Codes with hits that face the other way told apart, and what the hits weigh along the normals they met."""
         turned = turn_columns(T, normals)
         cosine = turned[0] * met[0] + turned[1] * met[1] + turned[2] * met[2]
+        # Well below 0, for the normals of single voxels are biased by the grid; those of length 0 give 0 and agree.
         is_opposed = (code == HIT) & self.is_signed & (cosine < -0.3)
         is_hit = (code == HIT) & ~is_opposed
         return jnp.where(is_opposed, _OPPOSED, code), jnp.where(is_hit, weights * jnp.abs(cosine), 0.0)
-
-
-_LANES = 8
-"""Sums that run side by side."""
 
 
 def _sums_of(parts: Sequence[Array]) -> Float32[Array, "m"]:
@@ -105,7 +102,8 @@ def _sums_of(parts: Sequence[Array]) -> Float32[Array, "m"]:
 
     Apart, XLA writes each array down on a CPU before it sums it, and starts a kernel for either.
     """
-    lanes = math.gcd(parts[0].shape[0], _LANES)
+    # Partial sums that run side by side in a vector, their number one that divides the length.
+    lanes = math.gcd(parts[0].shape[0], 8)
     columns = tuple(part.astype(jnp.float32).reshape(-1, lanes) for part in parts)
     sums = jax.lax.reduce(columns, (jnp.float32(0),) * len(parts), _add_each, (0,))
     return jnp.sum(jnp.stack(sums), axis=1)
@@ -131,16 +129,13 @@ class CodeField(NamedTuple):
         return jnp.stack([jnp.sum(jnp.where(code == k, weights, 0.0), dtype=jnp.float32) for k in kinds])
 
 
-_STEP = 1024
-"""Lookups of one step at least."""
-
-
 def _sums_of_piece(field: SurfaceField | CodeField, *piece: Array) -> Float32[Array, "p m"]:
     """Sums under the first `count` of some poses, what follows is of no use; `piece`: lists, poses, count."""
     *lists, poses, count = piece
     columns = [rows.T for rows in lists]
     # A step of the loop costs as much as some hundred lookups; but arrays of two axes cost twice those of one.
-    together = max(_STEP // columns[0].shape[1], 1)
+    # So short lists take some poses in one step, of about 1024 lookups.
+    together = max(1024 // columns[0].shape[1], 1)
 
     def one(i: jax.Array, sums: jax.Array) -> jax.Array:
         return sums.at[i].set(field.sums(poses[i], *columns))
@@ -175,8 +170,7 @@ def _sums_at_once(field: SurfaceField | CodeField, lists: tuple, poses: Array, b
 
 
 def _sums(field: SurfaceField | CodeField, lists: tuple, poses: Array, batch_size: int) -> Array:
-    # Points of a piece of `surface_evidence` at most: what its steps write down stays in the cache of a
-    # core.
+    # Points of a piece of `surface_evidence` at most: what its steps write down stays in the cache of a core.
     surface_piece = 8192
     if not on_host(field, lists, poses) or not (len(poses) and len(lists[0])):
         return _sums_at_once(field, lists, poses, batch_size)
@@ -187,6 +181,7 @@ def _sums(field: SurfaceField | CodeField, lists: tuple, poses: Array, batch_siz
     found = sum_over_pieces(
         partial(kernel, held), [np.asarray(a) for a in lists], np.asarray(poses), most=most
     )
+    # Pieces are added up in float64, in their order: the sum is the same however many cores there are.
     return found.astype(np.float32)
 
 
@@ -235,6 +230,7 @@ def surface_evidence(
     block = Block.of(dims, origin, voxel_size)
     field = SurfaceField(codes, keys, block, surface_normals, jnp.asarray(is_signed, jnp.bool_))
     sums = _sums(field, (points, normals, weights), poses, batch_size)
+    # Six sums are the upper triangle of the symmetric information.
     information = sums[:, np.asarray([4, 5, 6, 5, 7, 8, 6, 8, 9])].reshape(-1, 3, 3)
     return jax.device_put((sums[:, :4], information))
 

@@ -119,6 +119,8 @@ def _search_on_host(
             *given, rotation, low, _triple(box), placements[0].cell, conflict_weight, cells=cells
         )
 
+    # Blocks that hold both boxes end to end, so that no translation wraps round. What is transformed is named by map,
+    # block and rotation; each name is worked on once, however many placements share it.
     needed = [_triple([block_size(int(n)) for n in p.box_a + p.box_b]) for p in placements]
     keys_a = [(0, cells, p.block_a.tobytes()) for cells, p in zip(needed, placements, strict=True)]
     keys_b = [(1, cells, p.upright_b.tobytes()) for cells, p in zip(needed, placements, strict=True)]
@@ -137,6 +139,7 @@ def _search_on_host(
 
     def search(job: tuple[Placement, Cells, tuple, tuple]) -> Peaks:
         place, cells, key_a, key_b = job
+        # Quarter turns of b differ from the transformed one by reversed axes alone.
         of_b = (reversed_spectrum(field, place.is_reversed, cells=cells) for field in known[key_b])
         top, shift = correlation_peaks_on_host(*known[key_a], *of_b, cells=cells, num_peaks=num_peaks)
         # Reversing a box about its first cell brings its last cell there.
@@ -159,6 +162,7 @@ def _search_by_kernels(
 
     needed = [_triple([_rung(int(n)) for n in p.box_a + p.box_b]) for p in placements]
     shared = _share_shapes(set(needed))
+    # Placements share a's spectra where they can; b's are made anew, which keeps device memory to one of them.
     spectra_a, found = {}, []
     for place, shape in zip(placements, needed, strict=True):
         cells = shared[shape]
@@ -196,6 +200,7 @@ def _share_shapes(shapes: set[Cells], *, max_growth: float = 1.8) -> dict[Cells,
     def holds(other: Cells, shape: Cells) -> bool:
         return all(m <= n for m, n in zip(shape, other, strict=True))
 
+    # The largest first: those that follow may find one that holds them. The order is fixed, and so are the blocks.
     for shape in sorted(shapes, key=lambda n: (-np.prod(n), n)):
         most = max_growth * np.prod(shape)
         fits = [other for other in set(shared.values()) if holds(other, shape) and np.prod(other) <= most]

@@ -53,6 +53,7 @@ def shard_grid(grid: Sliceable, mesh: Mesh, *, max_halo: int = 7) -> ShardedGrid
         raise InputError(f"mesh must have one to three axes, got {len(mesh.axis_names)}.")
     if max_halo < 0:
         raise InputError(f"max_halo must be 0 voxels or more, got {max_halo}.")
+    # All parts are equally large, as device meshes need them, and thick enough for a halo to come from one neighbour.
     padded = list(grid.shape)
     for axis, parts in enumerate(mesh.devices.shape):
         padded[axis] = parts * max(-(-padded[axis] // parts), max_halo)
@@ -61,6 +62,7 @@ def shard_grid(grid: Sliceable, mesh: Mesh, *, max_halo: int = 7) -> ShardedGrid
         assert index is not None
         spans = [s.indices(side)[:2] for s, side in zip(index, padded, strict=True)]
         values = np.zeros([high - low for low, high in spans], grid.dtype)
+        # A part may lie in the padding, in whole or at its end: only what the grid has of it is read.
         inside = [
             slice(min(low, side), min(high, side))
             for (low, high), side in zip(spans, grid.shape, strict=True)

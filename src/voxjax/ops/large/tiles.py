@@ -102,6 +102,7 @@ def map_tiles(
         # A new block for each tile: the device may still be reading the one before.
         block = np.zeros(block_shape, source.dtype)
         block[where.place] = source[where.read]
+        # JAX returns before the device has finished: meanwhile the tile before is written and the next one is read.
         result = run(block)
         if pending is not None:
             _write(target, *pending)
@@ -124,6 +125,7 @@ def tiles_of(shape: tuple[int, ...], edges: tuple[int, int, int], halo: int) -> 
         for first, side, edge in zip(low, shape[:3], edges, strict=True):
             last = min(first + edge, side)
             begin, end = max(first - halo, 0), min(first + edge + halo, side)
+            # At the border of the grid less is read than a block holds; the rest stays 0, as outside of any grid.
             core.append(slice(first, last))
             read.append(slice(begin, end))
             place.append(slice(begin - first + halo, end - first + halo))

@@ -62,6 +62,7 @@ def resample_nearest(
         return jnp.zeros(target_shape, values.dtype)
     tie = jnp.asarray(TIE, jnp.asarray(affine).dtype)
     index = [jnp.floor(centre + tie).astype(jnp.int32) for centre in _centres(affine, target_shape)]
+    # Clipped, so that the lookup need check no bounds; what was outside becomes 0 afterwards.
     place = [jnp.clip(i, 0, side - 1) for i, side in zip(index, values.shape, strict=True)]
     inside = [is_within(i, side) for i, side in zip(index, values.shape, strict=True)]
     return _take(values, place, inside)
@@ -94,10 +95,12 @@ def resample_trilinear(
         from_centre = centre.astype(values.dtype) - jnp.asarray(0.5, values.dtype)
         low = jnp.floor(from_centre)
         weight_high = from_centre - low
+        # A centre within half a voxel of the border has one end outside, which counts as 0.
         ends = low.astype(jnp.int32), low.astype(jnp.int32) + 1
         weights.append((1 - weight_high, weight_high))
         places.append([jnp.clip(end, 0, side - 1) for end in ends])
         insides.append([is_within(end, side) for end in ends])
+    # Term by term, which XLA fuses into one loop: no array of eight values a voxel is made.
     total = jnp.zeros(target_shape, values.dtype)
     for corner in np.ndindex(2, 2, 2):
         weight, place, inside = (

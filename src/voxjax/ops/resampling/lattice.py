@@ -73,11 +73,12 @@ def moved_bounds(
         centres, half = _outermost_known(states) + 0.5, np.full(3, 0.5)
     if not len(centres) or not all(states.shape):
         return np.zeros(3, np.int64), np.zeros(3, np.int64)
+    # A turned box reaches along each axis as far as its half edges do there together, hence the absolute values.
     moved = ((centres + base) @ rotation.T) * voxel_size + matrix[:3, 3]
     reach = np.abs(rotation) @ half * voxel_size
     low, high = moved.min(axis=0) - reach, moved.max(axis=0) + reach
     _check_whole_cells(low, high, target_voxel_size)
-    # A cell belongs to the box if its centre does.
+    # A cell belongs to the box if its centre does; the box is a little wider, so that rounding cuts no layer off.
     return (
         np.ceil(low / target_voxel_size - 0.5 - 1e-4).astype(np.int64),
         np.ceil(high / target_voxel_size - 0.5 + 1e-4).astype(np.int64),

@@ -23,9 +23,8 @@ MAX_VOXELS = 2**30
 
 _ADVICE = "give a larger voxel_size, or drop points far out (max_range cuts rays)"
 
-# Small work shares one shape: padding costs less than a compile.
-_SMALLEST_GRID, _SMALLEST_BATCH, _RAYS_PER_BATCH = 2**18, 512, 4096
-
+_RAYS_PER_BATCH = 4096
+"""Rays that walk together: memory is bounded, and rays of one batch are of similar length."""
 
 State = TypeVar("State")
 
@@ -70,10 +69,13 @@ def walk_rays(
     flat_step = (jnp.sign(steps_index) * strides[None, :]).T
     start_flat = jnp.sum(start_index * strides[None, :], axis=1, dtype=jnp.int32)
     flat = jnp.where(mask, start_flat, jnp.iinfo(jnp.int32).max)
+    # All rays walk as many rounds as the longest one has steps; those that have ended stand still.
     num_rounds = jnp.max(jnp.sum(steps, axis=0, dtype=jnp.int32), initial=0)
 
     def step(carry: tuple) -> tuple:
         done, flat, counts, state = carry
+        # The times of planes are products, not sums: no error grows along a ray. A tie goes to x, then y, so that each
+        # ray takes one step a round.
         is_left = counts < steps
         times = jnp.where(is_left, first + counts.astype(jnp.float32) * interval, jnp.inf)
         takes_x = (times[0] <= times[1]) & (times[0] <= times[2])
@@ -124,7 +126,8 @@ def ray_batches(starts: np.ndarray, ends: np.ndarray) -> Iterator[tuple[np.ndarr
     start_index, start_offset = _split(starts)
     end_index, end_offset = _split(ends)
     order = np.argsort(np.abs(end_index - start_index).sum(axis=1), kind="stable")
-    size = bucket_size(min(len(order), _RAYS_PER_BATCH), _SMALLEST_BATCH)
+    # Few rays share one shape: padding costs less than a compilation.
+    size = bucket_size(min(len(order), _RAYS_PER_BATCH), 512)
     for first in range(0, len(order), _RAYS_PER_BATCH):
         batch = order[first : first + _RAYS_PER_BATCH]
         rows = (start_index, start_offset, end_index, end_offset)
@@ -152,7 +155,8 @@ def crossed_voxels(
         bool (x, y, z): True where a ray crosses, starts or ends.
     """
     num_voxels = int(np.prod(shape))
-    marked = jnp.zeros(max(bucket_size(num_voxels, _SMALLEST_GRID), capacity), bool)
+    # The flat grid is padded, so that small grids of all shapes share one kernel.
+    marked = jnp.zeros(max(bucket_size(num_voxels, 2**18), capacity), bool)
     for *rays, mask in ray_batches(starts, ends):
         marked = mark_crossed_voxels(marked, *rays, flat_strides(shape), mask)
     return np.asarray(marked)[:num_voxels].reshape(shape)
@@ -194,6 +198,7 @@ def grid_from_points(
     ends, is_hit = _cut_rays(starts, cloud, max_range)
     low, shape = _lattice_box(np.concatenate([starts, ends]), voxel_size, max_voxels)
     _check_memory(shape, voxel_size, has_rays=sensor_origins is not None)
+    # Rays first, points after them: a voxel that holds a point is occupied, whatever else crosses it.
     states = np.full(shape, UNKNOWN, np.uint8)
     if sensor_origins is not None:
         states[crossed_voxels(starts / voxel_size - low, ends / voxel_size - low, shape)] = FREE

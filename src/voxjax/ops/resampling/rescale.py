@@ -19,10 +19,9 @@ def rescale_states(
 ) -> tuple[UInt8[np.ndarray, "u v w"], Float32[np.ndarray, "3"], Float32[np.ndarray, "u v w"] | None]:
     """Bring a grid to another voxel size, on the lattice of multiples of the new one.
 
-    Coarser: each voxel goes where its centre lies; a new voxel is occupied if any of its parts is, else
-        free if any is,
-    and has the highest log-odds of its known parts. Finer: a new voxel has the state of the voxel that holds
-    its centre. Any ratio is fine.
+    Coarser: each voxel goes where its centre lies; a new voxel is occupied if any of its parts is, else free if any is,
+    and has the highest log-odds of its known parts. Finer: a new voxel has the state of the voxel that holds its
+    centre. Any ratio is fine.
 
     Args:
         states: 0 unknown, 1 free, 2 occupied.
@@ -78,6 +77,7 @@ def _plan_axis(base: float, count: int, ratio: float) -> tuple[int, np.ndarray, 
     if ratio < 1.0:
         cell = np.floor((base + np.arange(count) + 0.5) * ratio + tie).astype(np.int64)
         return int(cell[0]), np.flatnonzero(np.diff(cell, prepend=cell[0] - 1)), True
+    # A cell more on either side, of which those are kept whose centres lie in the grid.
     low, high = int(np.floor(base * ratio)) - 1, int(np.ceil((base + count) * ratio)) + 1
     cell = np.arange(low, high)
     source = np.floor((cell + 0.5) / ratio - base + tie).astype(np.int64)
@@ -122,6 +122,7 @@ def _largest(values: np.ndarray, axis: int, first: np.ndarray) -> np.ndarray:
 
 
 def _entries(values: np.ndarray, axis: int, index: np.ndarray) -> np.ndarray:
+    # Equal steps, as whole ratios give them, are a slice, which copies nothing.
     steps = np.diff(index)
     if len(steps) and steps[0] > 0 and (steps == steps[0]).all():
         return values[(slice(None),) * axis + (slice(index[0], index[-1] + 1, steps[0]),)]

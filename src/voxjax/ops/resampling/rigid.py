@@ -57,6 +57,7 @@ def lookup_chunk(
         start: First flat target index.
         size: Length of the run, static.
     """
+    # The last run is longer than what is left of the target: its surplus looks up the last voxel, and is cut off later.
     flat = jnp.minimum(start + jnp.arange(size, dtype=jnp.int32), jnp.prod(target_shape, dtype=jnp.int32) - 1)
     # No numbers are negative: `//` and `%` would look after signs, at three times the price.
     row = jax.lax.div(flat, jnp.full_like(flat, target_shape[2]))
@@ -131,6 +132,7 @@ def resample_rigid(
     # States and log-odds of the result, and both of the source padded by up to a half on the device.
     per_voxel = 1.0 if log_odds is None else 5.0
     check_memory(per_voxel * (float(np.prod(shape)) + 1.5 * states.size), "the moved map", advice)
+    # The pose is applied once, to where each target voxel comes from; states and log-odds share the places.
     affine = source_from_target(T, origin, voxel_size, low, voxel_size)
     num_voxels = int(np.prod(shape))
     moved = np.zeros(num_voxels, np.uint8)

@@ -17,10 +17,6 @@ TIED = 1e-3
 """Eigenvalues that differ by less than this share of the largest count as equal: rounding decides no normal."""
 
 
-_ALONG_X = 0.75
-"""Lines closer to x than this cosine get a normal toward y, other lines one toward x."""
-
-
 class WindowSums(NamedTuple):
     """The sums over the occupied voxels of a window, and where its free voxels lie.
 
@@ -87,9 +83,10 @@ def surface_normal(sums: WindowSums, axes: Axes) -> tuple[Array, Array, Array]:
     Where the smallest eigenvalues tie (posts, lines, lone voxels), all normals across the line fit equally well; the
     one nearest to the mean of the free voxels is taken, and where that is none either, one nearest to an axis.
     """
-    # A direction along no plane that small whole numbers describe: gives normals a sign where nothing
-    # else does.
+    # A direction along no plane that small whole numbers describe: gives normals a sign where nothing else does.
     askew = np.asarray([0.547, 0.683, 0.484], np.float32)
+    # Lines closer to x than this cosine get a normal toward y, other lines one toward x.
+    along_x = 0.75
     # Sum of the free voxels' offsets [voxel] from which on a side is free.
     min_lean = 0.5
     lean, low, high = tuple(sums.lean), tuple(axes.low), tuple(axes.high)
@@ -98,7 +95,7 @@ def surface_normal(sums: WindowSums, axes: Axes) -> tuple[Array, Array, Array]:
         along = jnp.where(axes.is_high, _dot(direction, high), 0)
         return tuple(d - along * h for d, h in zip(direction, high, strict=True))
 
-    is_along_x = axes.is_high & (jnp.abs(high[0]) > _ALONG_X)
+    is_along_x = axes.is_high & (jnp.abs(high[0]) > along_x)
     x, y = ((~is_along_x).astype(jnp.float32), is_along_x.astype(jnp.float32))
     toward_axis = across((x, y, jnp.zeros_like(x)))
     toward_free = across(lean)
@@ -107,6 +104,7 @@ def surface_normal(sums: WindowSums, axes: Axes) -> tuple[Array, Array, Array]:
     inverse = 1 / jnp.sqrt(_dot(chosen, chosen))
     axis = tuple(jnp.where(axes.is_low, a, inverse * c) for a, c in zip(low, chosen, strict=True))
 
+    # Sign: toward the free side, else by a fixed direction, so that equal neighbourhoods have equal normals.
     toward = _dot(lean, axis)
     has_free = jnp.abs(toward) > min_lean
     is_turned = jnp.where(has_free, toward, _dot(tuple(askew), axis)) < 0
@@ -134,6 +132,7 @@ def free_distances(
     """Steps to the first free voxel before anything unknown, on both sides; reach + 1 if none."""
     reach, middle = words.shape[0], shift.astype(jnp.int32) + margin
     distances = []
+    # A side is open as long as only occupied voxels were met: what lies behind an unknown one is no free side.
     for side in (1, -1):
         distance = jnp.full(group.shape, reach + 1, jnp.uint8)
         is_open = jnp.ones(group.shape, jnp.bool_)

@@ -49,6 +49,8 @@ def window_sums(
     occupied, free = (
         (bits & masks).astype(narrow) for bits in packed.look(steps[:, None] + group[None, :], shift[None, :])
     )
+    # Along z a sum of weights is counts of bits, one for each binary digit of the weights; x and y are constants of a
+    # column, so their powers multiply what its bits give. A term names the weights along z and the powers of x and y.
     axis = np.arange(-half, half + 1)
     one, z, zz = (_digits(weights) for weights in (np.ones_like(axis), axis, axis**2))
     terms = (
@@ -113,6 +115,7 @@ def _weighted_sum(bits: Array, columns: np.ndarray, digits: _Digits, power_x: in
         if small
         else (np.dtype(np.int32),) * 2
     )
+    # Columns without weight are left out, and planes of equal x are multiplied once, when they are summed.
     planes: dict[tuple[int, int], Array] = {}
     for k, (x, y, _) in enumerate(columns.tolist()):
         weight_x, weight_y = x**power_x, y**power_y

@@ -27,6 +27,7 @@ def enclosing_directions(occupied: Bool[np.ndarray, "x y z"], *, reach: float) -
         steps = int(reach / np.linalg.norm(direction))
         if steps < 1:
             continue
+        # Only the first step looks at the voxels; a later one looks up what is known `more` steps on.
         met = np.zeros_like(occupied)
         _merge_shifted(met, occupied, direction)
         covered = 1

@@ -137,10 +137,12 @@ def _faces_kernel(
         seen, occupied = [], []
         for i in range(3):
             j, k = (i + 1) % 3, (i + 2) % 3
+            # Samples of the quarter plane: every voxel along both edges, on the octant's side of the other planes.
             along_j = steps[None, :, None, None] * signs[:, None, None, j, None] * edges[j][None, None, None]
             along_k = steps[None, None, :, None] * signs[:, None, None, k, None] * edges[k][None, None, None]
             points = centre[None, None, None] + along_j + along_k
             inward = signs[:, None, None, i, None] * n[i][None, None, None]
+            # The surface may lie a voxel off the plane; so free space is only looked for beyond that voxel.
             hit = jnp.stack([look_up(points + t * inward) == OCCUPIED for t in (-1.0, 0.0, 1.0)]).any(axis=0)
             open_ = jnp.stack([look_up(points + t * inward) == FREE for t in (1.5, 2.5)]).any(axis=0)
             occupied.append(jnp.mean(hit, axis=(1, 2), dtype=jnp.float32))

@@ -23,8 +23,7 @@ from .ball_sums import window_sums
 from .packed_states import PackedStates, pack_on_host, pack_states
 
 _PIECE = 8192
-_PIECE_ELSEWHERE = 1 << 17
-"""Voxels of a compiled call on a CPU, and on other devices."""
+"""Voxels of a compiled call on a CPU."""
 
 
 class SurfaceMoments(NamedTuple):
@@ -122,7 +121,8 @@ def _margin(size: int, reach: int) -> int:
 
 
 def _piece_length() -> int:
-    return _PIECE if on_host() else _PIECE_ELSEWHERE
+    # Accelerators need more voxels at once than cores of a CPU to be busy.
+    return _PIECE if on_host() else 1 << 17
 
 
 @kept_program
@@ -149,6 +149,7 @@ def _moments_of_rows(
     step = partial(materialized, is_valid=packed.depth > 0)
     margin = _margin(size, reach)
     group, shift = step(lambda: packed.place(rows.T, margin=margin))
+    # Words begin `margin` voxels below, for the longer of window and steps; the window begins within it.
     below = np.uint32(margin - size // 2)
     sums = step(lambda: window_sums(packed, group, shift + below, size=size))
     central = step(lambda: central_sums(sums))

@@ -27,17 +27,8 @@ _BITS, _MASK, _BIAS = 3, 7, 3
 _ROW_SHIFT = 3 * _BITS
 """A word is the row of a neighbour, counted from 1, above the three offsets; a word of zeros is no neighbour."""
 
-_LANES, _LANES_ELSEWHERE = 1024, 1 << 15
-"""Voxels whose sums grow side by side, on a CPU in the cache of a core, and on other devices."""
-
 _DEPTH = 4
 """Neighbours of each of them that one step of a loop adds."""
-
-_WINDOW = 1 << 14
-"""Voxels among which those with equally many neighbours are put side by side: near each other, or lookups miss."""
-
-_ROWS = 512
-"""Voxels whose neighbours the host looks up at once."""
 
 
 class Neighbourhood(NamedTuple):
@@ -76,8 +67,12 @@ def neighbourhood(
         InputError: If the size is not odd or above 7, or voxels repeat or lie outside the grid, or there are 2^23 or
             more.
     """
-    # Shortest list of voxels [rows].
+    # Shortest list of voxels [rows]: small maps share one shape.
     smallest = 1 << 14
+    # Voxels whose sums grow side by side: on a CPU few, whose ten sums stay in the cache of a core.
+    lanes = 1024 if on_host() else 1 << 15
+    # Voxels among which those with equally many neighbours are put side by side: near each other, or lookups miss.
+    window = max(1 << 14, lanes)
     if check_odd_window("size", size) > MAX_SIZE:
         raise InputError(f"size must be at most {MAX_SIZE} voxels, got {size}.")
     rows = np.asarray(index, np.int32)
@@ -85,7 +80,6 @@ def neighbourhood(
         raise InputError(f"index must list fewer than {1 << (32 - _ROW_SHIFT)} voxels, got {len(rows)}.")
     if ((rows < 0) | (rows >= np.asarray(shape, np.int32))).any():
         raise InputError(f"index must hold voxels inside the grid of {tuple(shape)} voxels.")
-    lanes = _LANES if on_host() else _LANES_ELSEWHERE
     length = bucket_size(len(rows), max(smallest, 2 * lanes))
 
     half = size // 2
@@ -99,10 +93,9 @@ def neighbourhood(
         raise InputError("index must list each voxel once.")
 
     offsets = ball_offsets(size)
+    # Word of each step: its offset in nine bits, to which the row of the voxel met is added.
     codes = ((offsets + _BIAS) << (_BITS * np.arange(2, -1, -1))).sum(axis=1).astype(np.uint32)
     steps = offsets @ gapped
-
-    window = max(_WINDOW, lanes)
 
     def list_window(start: int) -> _Window:
         return _list_window(table, cells[start : start + window], steps, codes, lanes)
@@ -131,14 +124,17 @@ def _list_window(
 ) -> _Window:
     """Neighbours of the voxels in some cells; in pieces of about equally many, most first."""
     degree, words = np.zeros(len(cells), np.int64), []
-    codes_of_rows = np.tile(codes, _ROWS)
-    for start in range(0, len(cells), _ROWS):  # what it looks up in between stays in the cache
-        rows = cells[start : start + _ROWS]
+    # Voxels looked up at once: what is found in between stays in the cache.
+    together = 512
+    codes_of_rows = np.tile(codes, together)
+    for start in range(0, len(cells), together):
+        rows = cells[start : start + together]
         found = table.take((rows[:, None] + steps[None, :]).reshape(-1))
         at = np.flatnonzero(found)
         bounds = np.searchsorted(at, np.arange(len(rows) + 1) * len(steps))
         degree[start : start + len(rows)] = np.diff(bounds)
         words.append((found[at] << np.uint32(_ROW_SHIFT)) | codes_of_rows[at])
+    # A piece is as deep as its first voxel has neighbours: sorted by their number, the others waste little.
     order = np.argsort(-degree, kind="stable")
     place = np.empty(len(cells), np.int32)
     place[order] = np.arange(len(cells), dtype=np.int32)

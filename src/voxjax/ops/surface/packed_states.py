@@ -72,6 +72,7 @@ def pack_states(states: UInt8[Array, "x y z"], *, margin: int) -> PackedStates:
     shape = _packed_shape(states.shape, margin)
     front = GROUP * _empty_groups(margin)
     widths = [(margin, margin), (margin, margin), (front, GROUP * shape[2] - front - states.shape[2])]
+    # Four states are read as one word, a bit of each is gathered by one product; two such nibbles are a group.
     flat = jnp.pad(states.astype(jnp.uint8), widths).reshape(-1, 4)
     quads = jax.lax.bitcast_convert_type(flat, jnp.uint32)
     nibbles = [
@@ -97,6 +98,7 @@ def pack_on_host(states: UInt8[np.ndarray, "x y z"], *, margin: int) -> PackedSt
     length = table_length(num_words, (1 << 25) // GROUP)
     num_rows = 1 if margin <= SHARED_MARGIN else 2
     words = reserve(num_rows * length, dtype=np.uint32).reshape(num_rows, length)
+    # The memory is zero where nothing is written, and so is the margin.
     planes = words[:, :num_words].reshape(num_rows, shape[0], shape[1] * shape[2])
     inner = slice(margin * shape[2], (margin + states.shape[1]) * shape[2])
     step = max(_SLAB // max(states[0].size, 1), 1) if len(states) else 1

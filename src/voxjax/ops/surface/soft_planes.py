@@ -15,9 +15,6 @@ from ..eigen import eigen_by_columns
 from .axes import TIED
 from .neighbourhood import Neighbourhood, ball_sums
 
-_ENOUGH = 10
-"""Occupied voxels that define a normal: a line through the window has 7."""
-
 
 class SoftPlanes(NamedTuple):
     """The plane through the neighbourhood of each voxel, dtype of the occupancy.
@@ -62,6 +59,8 @@ def soft_planes(
     """
     # Times the curvature of a plane that is none: half the curvature of a ball.
     no_plane = 6.0
+    # Occupied voxels that define a normal: a line through the window has 7.
+    enough_voxels = 10
     # Sum of occupancies from which on a window has a mean and a covariance.
     least_weight = 1e-6
     occupancy = jnp.asarray(occupancy)
@@ -74,6 +73,7 @@ def soft_planes(
     weight, *sums = ball_sums(occupancy, neighbours)
     first, second = sums[:3], sums[3:]
     is_there = weight > least_weight
+    # Guarded on both sides: derivatives of the branch that is not taken would be NaN.
     share = jnp.where(is_there, 1 / jnp.where(is_there, weight, 1), 0)
     pairs = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     # Products before the division: of whole numbers they are exact, and nothing cancels.
@@ -85,11 +85,13 @@ def soft_planes(
     total = low + middle + high
     curvature = low / jnp.where(total > 0, total, 1)
 
+    # The axis of least variance, signed by the given direction; across posts and lines, the nearest to that direction.
     chosen = _across(directions, eigen.vectors[2], eigen.is_defined[2])
     axis = tuple(jnp.where(eigen.is_defined[0], a, c) for a, c in zip(eigen.vectors[0], chosen, strict=True))
     is_turned = _dot(directions, axis) < 0
     normal = tuple(jnp.where(is_turned, -a, a) for a in axis)
-    enough = jnp.clip(weight - (_ENOUGH - 1), 0, 1)
+    # Between 9 and 10 a cubic rises with no slope at its ends: whole numbers of voxels, as in a map, give no gradient.
+    enough = jnp.clip(weight - (enough_voxels - 1), 0, 1)
     return SoftPlanes(
         jnp.stack(normal, axis=1),
         _dot(tuple(s * share for s in first), normal),

@@ -34,7 +34,6 @@ _LANES = 128
 _ROWS = 4
 _STRETCH = 128  # planes along x per program: the windows of its first plane cost size - 1 planes more
 _VOXELS = 256
-_MAX_INDEX = 2**31 - 1
 _ONES, _LOW_SEVEN, _EVEN = np.uint32(0x01010101), np.uint32(0x7F7F7F7F), np.uint32(0x00FF00FF)
 _LOW, _HIGH = np.uint32(0xFFFF), np.uint32(0xFFFF0000)
 
@@ -94,7 +93,8 @@ def _words(occupied: Array) -> jax.Array:
 def _count_words(words: jax.Array, size: int, margin: int, side: int, interpret: bool) -> jax.Array:
     """Counts (x + 2 margin, y + 2 margin, 4 (words + 2 side)) of packed voxels."""
     nx, ny, num_words = (n + 2 * m for n, m in zip(words.shape, (margin, margin, side), strict=True))
-    if 4 * nx * ny * num_words > _MAX_INDEX:
+    # Places in the counts are int32.
+    if 4 * nx * ny * num_words > 2**31 - 1:
         raise InputError(
             f"the kernel counts fewer than 2**31 windows, got {nx} x {ny} x {4 * num_words}: use tiles."
         )
@@ -144,6 +144,8 @@ def _count_kernel(words, pairs, *, shape, counts_shape, size, margin, side, stre
             columns.append(_running(loaded, size))
         return [_sum_bytes([column[row] for column in columns], half, reach) for row in range(_ROWS)]
 
+    # A plane enters the running sums, and the oldest of the ring leaves them. Even and odd bytes are kept apart, in
+    # pairs of 16 bits: the sum over three axes no longer fits a byte.
     def step(k: jax.Array, state):
         ring, even, odd = state
         new, old = byte_sums(x_first + k + half - margin), ring[0]
@@ -184,6 +186,7 @@ def _classify_kernel(occupied, counts, min_change, classes, *, shape, counts_sha
             return _load(counts, index, mask, np.uint16(0)).astype(jnp.int32)
 
         here = count(0, 0, 0)
+        # The same comparison of whole numbers as `classes.steady_directions`, so that both forms give one result.
         percent = jnp.clip(_load(min_change, jnp.zeros(_VOXELS, jnp.int32), None, None), 0, 400_000)
         bound = percent * here
         steady = jnp.zeros(_VOXELS, jnp.int32)

@@ -51,6 +51,7 @@ def count_change(occupied: Occupied, *, size: int = 7, shift: int = 4) -> UInt8[
     if 0 in occupied.shape:
         return jnp.zeros((*occupied.shape, 13), jnp.uint8)
     counts = _counts_with_margin(occupied, check_size(size), shift)
+    # In float32, which vectors divide: whole numbers below 2**20 are exact, and `_whole_ratio` mends the quotient.
     here = _moved(counts, occupied.shape, shift, np.zeros(3, np.int32)).astype(jnp.float32)
     bound = jnp.maximum(here, jnp.float32(1))
     percent = []
@@ -146,6 +147,7 @@ def steady_directions(counts: Array, min_change: Array, shape: tuple[int, ...], 
     percent = jnp.clip(jnp.asarray(min_change, jnp.int32), 0, most_percent)
     quotient = jax.lax.div(percent * here.astype(jnp.int32) + 99, jnp.int32(100))
     bound = jnp.minimum(quotient, more_than_any_change).astype(jnp.uint16)
+    # Differences below `lowest` wrap to large numbers, so one comparison bounds them on both sides.
     lowest = here - bound + jnp.uint16(1)
     width = jnp.where(bound > 0, jnp.uint16(2) * bound - jnp.uint16(1), jnp.uint16(0))
     steady = jnp.zeros(shape, jnp.uint16)
