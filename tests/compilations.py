@@ -9,9 +9,9 @@ _compiled: list[str] = []
 """Names of all functions that this process has compiled, or loaded from a cache of kernels."""
 
 
-def _note(event, _seconds, *, fun_name="", **_):
+def _note(event: str, duration_secs: float, **about: str | int) -> None:
     if event == "/jax/core/compile/backend_compile_duration":
-        _compiled.append(fun_name.removeprefix("jit(").removesuffix(")"))
+        _compiled.append(str(about.get("fun_name", "")).removeprefix("jit(").removesuffix(")"))
 
 
 # JAX has no public way to take a listener away, so there is one for all tests of the process.
