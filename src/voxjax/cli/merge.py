@@ -83,6 +83,7 @@ def summary(merged: Merge, names: Sequence[str]) -> list[str]:
 
 def describe_pose(pose: np.ndarray) -> str:
     """A pose as translation [m] and roll, pitch, yaw [deg] (rotations about fixed x, then y, then z)."""
+    # Near 90 degrees an arcsine of R[2, 0] would lose digits, which the arc tangent keeps.
     R = np.asarray(pose, np.float64)[:3, :3]
     roll, yaw = np.arctan2(R[2, 1], R[2, 2]), np.arctan2(R[1, 0], R[0, 0])
     pitch = np.arctan2(-R[2, 0], np.hypot(R[2, 1], R[2, 2]))

@@ -211,6 +211,7 @@ class _PlanBuilder:
                     below = (self.rooms[room].polygon[[3, 2]] - wall.start) @ wall.along
                     above = (self.rooms[other].polygon[[0, 1]] - wall.start) @ wall.along
                     low, high = max(below[0], above[0]), min(below[1], above[1])
+                    # Rooms of neighbouring rows share a stretch of the wall, or none that has place for a door.
                     if high - low > 2 * _CORNER_CLEARANCE + 1.0:
                         found.append((room, other, wall, float(low), float(high)))
         return found

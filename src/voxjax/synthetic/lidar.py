@@ -50,6 +50,7 @@ class Lidar:
     def _turn(self, elevations: np.ndarray) -> np.ndarray:
         """Shots of one turn about z; neighbouring beams are shifted by half a step."""
         azimuth = 2.0 * np.pi * np.arange(self.num_azimuths) / self.num_azimuths
+        # Beams whose shots lie between those of the next ones leave smaller gaps on a wall.
         shift = np.pi / self.num_azimuths * (np.arange(len(elevations)) % 2)
         angle = azimuth[:, None] + shift[None, :]
         elevation = np.broadcast_to(elevations, angle.shape)

@@ -183,6 +183,7 @@ def draw_frame(rng: np.random.Generator, frame: Frame) -> np.ndarray:
 def measure_overlap(a: VoxelGrid, b: VoxelGrid, T_a_b: np.ndarray) -> float:
     """Share of the occupied voxel centres of b within 1.5 voxels of one of a, under `T_a_b`."""
     points = b.occupied_points().astype(np.float64) @ T_a_b[:3, :3].T + T_a_b[:3, 3]
+    # The bound spares the search for the far voxels of b, whose distance is given as infinite then.
     distance, _ = KDTree(a.occupied_points()).query(points, distance_upper_bound=1.5 * a.voxel_size)
     return float(np.isfinite(distance).mean()) if len(points) else 0.0
 

@@ -36,6 +36,7 @@ def _share_out(
     robots = [set(shared) for _ in range(num_robots)]
     taken, stuck = set(shared), 0
     turn = int(rng.integers(num_robots))
+    # In turns, so that the parts grow alike; a robot whose part is walled in by those of others passes.
     while stuck < num_robots:
         room = _pick_neighbour(rng, building, robots[turn], taken)
         stuck = stuck + 1 if room < 0 else 0

@@ -71,6 +71,7 @@ def page_html(grids: Sequence[VoxelGrid], poses: Sequence[Array | None], fused: 
         )
         return server.scene.as_html()
     finally:
+        # The page is complete in itself; the server has served only to put it together.
         with contextlib.redirect_stdout(io.StringIO()):
             server.stop()
 
