@@ -95,6 +95,7 @@ def _concave(faces: _Shares, octant: int, min_seen: float) -> Part:
 
 def _convex(faces: _Shares, octant: int, min_seen: float, max_beyond: float) -> Part:
     """The corner of a box: a solid octant whose faces are seen from the three octants beside it."""
+    # An exclusive or with bit i leads to the octant on the other side of plane i.
     coverage = np.stack([faces.seen[:, octant ^ _BITS[i], i] for i in range(3)]).min(axis=0)
     beyond = [faces.occupied[:, octant ^ _BITS[j], i] for i in range(3) for j in range(3) if i != j]
     is_there = (
@@ -107,6 +108,7 @@ def _one_convex_edge(faces: _Shares, octant: int, base: int, min_seen: float, ma
     """The foot of a box: a solid octant on a base face that goes on around it."""
     i, j = (base + 1) % 3, (base + 2) % 3
     around = [octant ^ _BITS[i], octant ^ _BITS[j], octant ^ _BITS[i] ^ _BITS[j]]
+    # Two of the three octants around must show the base; in the third something may hide it.
     ground = np.sort(np.stack([faces.seen[:, o, base] for o in around]), axis=0)[1]
     coverage = np.minimum(np.minimum(faces.seen[:, around[0], i], faces.seen[:, around[1], j]), ground)
     beyond = np.maximum(faces.occupied[:, around[1], i], faces.occupied[:, around[0], j])
@@ -121,6 +123,7 @@ def _two_convex_edges(faces: _Shares, octant: int, face: int, min_seen: float, m
     i, j = (face + 1) % 3, (face + 2) % 3
     before = octant ^ _BITS[face]
     around = [before ^ _BITS[i], before ^ _BITS[j], before ^ _BITS[i] ^ _BITS[j]]
+    # Two of the three octants before the face must show it, as for the base of a foot.
     front = np.sort(np.stack([faces.seen[:, o, face] for o in around]), axis=0)[1]
     coverage = np.minimum(np.minimum(faces.seen[:, octant, i], faces.seen[:, octant, j]), front)
     beyond = np.stack(

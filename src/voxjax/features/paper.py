@@ -66,6 +66,7 @@ def paper_corners(
     )
     planes, support = _fit(grid, surface, labels)
     normal, offset = np.asarray(planes.normal), np.asarray(planes.offset)
+    # Equation (3) keeps the corners that lie on three planes.
     keep, rows, worst = reject_corners(
         initial,
         normal,
@@ -76,6 +77,7 @@ def paper_corners(
         support_radius=float(size) * voxel,
     )
     kept, rows = initial[keep], rows[keep]
+    # The paper does not say which corner of a cluster stays; here the one nearest to its three planes does.
     _, chosen = cluster_corners(kept, -worst[keep], radius=cluster_radius * voxel)
     count = np.asarray(planes.num_voxels)[rows[chosen]].min(axis=1, initial=2**31 - 1)
     order = np.argsort(-count, kind="stable")

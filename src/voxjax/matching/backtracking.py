@@ -181,6 +181,7 @@ class _Backtracking:
         if allowed.bit_count() < needed:
             return False
         num_rows = sum(1 for row in self.rows if row & allowed)
+        # With exactly as many rows as are needed nothing larger can come, only ties.
         if num_rows == needed and len(self.schemes) >= self.max_schemes:
             self.has_all_ties = False
             return False
@@ -192,6 +193,7 @@ class _Backtracking:
         as_set = {(int(i), int(j)) for i, j in seed}
         if any(as_set <= scheme for scheme in self.known):
             return
+        # A search by transforms alone would otherwise not come to its budget for minutes.
         self.num_nodes += EARLY_COST
         self._record(extend(seed))
 

@@ -21,8 +21,6 @@ NORMAL_RADIUS = 3.001
 DESCRIPTOR_RADIUS = 5.001
 """Radii of the normal and of the descriptor, in working spacings; not whole, as many points lie just so far apart, and
 rounding would decide."""
-_CHUNK = 1 << 14
-"""Voxels whose surroundings are looked up at once."""
 
 
 class DescriptorLevel(eqx.Module):
@@ -175,13 +173,15 @@ def _sum_by_cell(cell: np.ndarray, vectors: np.ndarray, count: int) -> np.ndarra
 def _free_directions(states: np.ndarray, index: np.ndarray) -> np.ndarray:
     """Sum of the unit directions from each listed voxel to the free voxels one and two steps away: (n, 3)."""
     reach = 2
+    # Voxels whose surroundings are looked up at once: one core works on them while others do the next.
+    chunk = 1 << 14
     is_free = np.pad(states == FREE, reach).view(np.int8)
     strides = np.array([is_free.shape[1] * is_free.shape[2], is_free.shape[2], 1], np.int64)
     flat, places = is_free.reshape(-1), (index.astype(np.int64) + reach) @ strides
     total = np.zeros((3, len(index)), np.float32)
 
     def add(first: int) -> None:
-        part = slice(first, first + _CHUNK)
+        part = slice(first, first + chunk)
         start = places[part]
         for step in np.ndindex(3, 3, 3):
             direction = np.array(step, np.int64) - 1
@@ -196,7 +196,7 @@ def _free_directions(states: np.ndarray, index: np.ndarray) -> np.ndarray:
             for axis in np.flatnonzero(direction):
                 total[axis, part] += unit[axis] * weights
 
-    spread(add, range(0, len(index), _CHUNK))
+    spread(add, range(0, len(index), chunk))
     return total.T
 
 

@@ -40,11 +40,13 @@ def close_corners(
     solve = kabsch if align is None else align
 
     def extend(matches: np.ndarray) -> np.ndarray:
+        # The rounding of five matches near each other turns far corners; float64 adds none of its own.
         T_a_b = np.asarray(solve(points_a[matches[:, 0]], points_b[matches[:, 1]]), np.float64)
         moved = corners_b @ T_a_b[:3, :3].T + T_a_b[:3, 3]
         distance, nearest = map(np.asarray, tree_a.query(moved, distance_upper_bound=distance_tolerance))
         scheme = {int(i): int(j) for i, j in matches}
         taken = set(scheme.values())
+        # The nearest come first and a corner is taken once: of two that want the same one, the closer gets it.
         for k in np.argsort(distance, kind="stable"):
             if not np.isfinite(distance[k]):
                 break

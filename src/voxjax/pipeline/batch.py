@@ -51,6 +51,7 @@ def register_batch(
 
     results = []
     for number, (a, b) in enumerate(pairs):
+        # `register` has the sentence for empty maps; features need voxels.
         if a.num_occupied == 0 or b.num_occupied == 0:
             found = register(a, b, config=settings, gravity_aligned=gravity_aligned)
         else:

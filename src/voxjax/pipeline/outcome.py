@@ -54,6 +54,7 @@ def registration_of(
         num_voxels: Number of occupied voxels of both maps.
         stats: Counts and seconds for the report.
     """
+    # The first leader was refined once more, and only its pose changed: evidence and score are those of the judging.
     T_a_b = np.asarray(pose.T_a_b)
     scores = net_scores(leaders.judgement, settings.min_rival_share)
     hypotheses = tuple(

@@ -34,6 +34,7 @@ def drop_chamfers(
         return labels
     points = surface.index.astype(np.float64)
     planes = plane_of_segments(points, surface.normal, labels, num)
+    # A strip of width w has the variance w^2 / 12 across it.
     width = np.sqrt(12.0 * np.maximum(np.linalg.eigvalsh(planes.covariance)[:, 1], 0.0))
     first, second = near_segments(points, labels, num, reach)
     triples = _edges_beside(planes, first, second, np.flatnonzero(width < 2.0 * reach))

@@ -128,6 +128,7 @@ def extend_segments(
     labels[rows[fits(rows, labels[rows]) > distance]] = -1
     has_label = labels >= 0
     i, j = surface.pairs.T
+    # Pairs inside of segments, which are most, have nothing to give to each other.
     is_open = ~(has_label[i] & has_label[j])
     i, j = i[is_open], j[is_open]
     for _ in range(num_steps):
@@ -138,6 +139,8 @@ def extend_segments(
         offset = fits(element, label)
         good = offset <= distance
         element, label, offset = element[good], label[good], offset[good]
+        # Each element goes to the nearest plane; of equally near ones to the first, so that the order of the
+        # pairs does not matter.
         order = np.lexsort((label, offset, element))
         unique, first = np.unique(element[order], return_index=True)
         labels[unique] = label[order][first]

@@ -73,6 +73,7 @@ def extract_planes(
     """
     surface = find_surface(grid, size=size)
     labels = _cores(surface, max_angle, max_curvature, tolerance, max_rms)
+    # A round opens the next: merged segments have better planes, which take in elements that bring other pieces near.
     for _ in range(3):
         labels = merge_segments(surface, labels, max_rms=max_rms + 0.1, max_angle=merge_angle, gap=gap)
         labels = extend_segments(surface, labels, distance=tolerance)
@@ -85,6 +86,7 @@ def extract_planes(
     planes = fit_planes(
         points, _away_from_edges(surface, labels), normals=surface.normal, huber_scale=0.7 * grid.voxel_size
     )
+    # The fit left the rims out; the size of a face is all of it.
     count = np.zeros(len(planes.num_voxels), np.int32)
     used = np.bincount(labels[labels >= 0])
     count[: len(used)] = used
@@ -135,6 +137,7 @@ def _away_from_edges(surface: Surface, labels: np.ndarray, min_cosine: float = 0
         return labels
     normal = plane_of_segments(surface.index.astype(np.float64), surface.normal, labels, num).normal
     agrees = (labels >= 0) & (np.abs(np.einsum("ij,ij->i", surface.normal, normal[labels])) > min_cosine)
+    # A face most of whose elements lean, such as a narrow one, would be left with nothing to fit: it keeps them all.
     is_enough = np.bincount(labels[agrees], minlength=num) >= 0.5 * np.bincount(
         labels[labels >= 0], minlength=num
     )

@@ -74,6 +74,7 @@ def fit_planes(
     """
     num = int(labels.max(initial=-1)) + 1
     capacity, length = wide_bucket_size(num, 256), wide_bucket_size(len(points), 32_768)
+    # Moments are taken about the middle: in float32 those of points far from the origin lose the plane.
     middle = points.mean(axis=0, dtype=np.float64) if len(points) else np.zeros(3)
     local = pad_rows((points - middle).astype(np.float32), length)
     label = pad_rows(np.where(labels >= 0, labels, capacity).astype(np.int32), length, fill=capacity)
@@ -101,6 +102,7 @@ def _fit(points, label, toward, scale, *, capacity: int, num_rounds: int):
     """Closed-form start, reweighted LM, plane parameters relative to the origin of `points`."""
 
     def total(values: Array) -> Array:
+        # A segment beyond the capacity takes the padding and what has no label, and is cut off.
         return jax.ops.segment_sum(values, label, num_segments=capacity + 1)[:capacity]
 
     count = total(jnp.ones(points.shape[0], jnp.float32))
@@ -144,6 +146,7 @@ def _minimise(normal: Array, depth: Array, covariance: Array, mean: Array) -> tu
     # In units of the segment's own width, so that tolerances mean the same for all segments.
     width = jnp.sqrt(jnp.maximum(values[2], 1e-12))
     root = jnp.sqrt(jnp.maximum(values, 0.0))[:, None] / width * vectors
+    # Any two directions across the normal serve; the axis least along it keeps the cross product away from zero.
     axis = jnp.argmin(jnp.abs(normal))
     u = jnp.cross(normal, jax.nn.one_hot(axis, 3, dtype=normal.dtype))
     u = u / jnp.linalg.norm(u)

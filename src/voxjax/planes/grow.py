@@ -57,6 +57,7 @@ def grow_segments(
         return labels
     i, j = edges.T
     core = is_seed[i] & is_seed[j]
+    # Components give what the loop from seed to seed gives, as said above.
     graph = coo_matrix((np.ones(np.count_nonzero(core), np.int8), (i[core], j[core])), shape=(n, n))
     component = connected_components(graph, directed=False)[1]
     labels[is_seed] = _rank_by_curvature(component[is_seed], curvature[is_seed])

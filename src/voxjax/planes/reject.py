@@ -1,6 +1,5 @@
 """Rejection of corners that are not on three planes: equation (3)."""
 
-from functools import partial
 from itertools import combinations
 
 import jax
@@ -12,11 +11,8 @@ from scipy.spatial import KDTree
 from .._runtime.buckets import pad_rows, wide_bucket_size
 from .._types import Array
 
-NUM_CANDIDATES = 6
-"""Planes beside a corner among which its nearest three are sought."""
 
-
-@partial(jax.jit, static_argnames=())
+@jax.jit
 def nearest_three_planes(
     points: Float32[Array, "n 3"],
     normals: Float32[Array, "n k 3"],
@@ -111,11 +107,14 @@ def reject_corners(
 
 
 def _planes_beside(points, normals, offsets, support, labels, radius):
-    """The nearest planes, by equation (3), with support beside each point: int32 (n, NUM_CANDIDATES), -1 for none."""
+    """The nearest planes, by equation (3), with support beside each point: int32 (n, 6), -1 for none."""
+    # The nearest three of these that are not nearly parallel are sought on the device, in all threes of them at once:
+    # six planes have 20.
+    num_candidates = 6
     near = KDTree(support).query_ball_point(points, radius, return_sorted=False)
     row = np.repeat(np.arange(len(points)), [len(hits) for hits in near])
     if row.size == 0:
-        return np.full((len(points), NUM_CANDIDATES), -1, np.int32)
+        return np.full((len(points), num_candidates), -1, np.int32)
     label = labels[np.concatenate([np.asarray(hits, np.int64) for hits in near])]
     key = np.unique(row * (int(labels.max()) + 1) + label)
     row, label = np.divmod(key, int(labels.max()) + 1)
@@ -123,7 +122,7 @@ def _planes_beside(points, normals, offsets, support, labels, radius):
     order = np.lexsort((label, distance, row))
     row, label = row[order], label[order]
     rank = np.arange(len(row)) - np.searchsorted(row, row)
-    found = np.full((len(points), NUM_CANDIDATES), -1, np.int32)
-    wanted = rank < NUM_CANDIDATES
+    found = np.full((len(points), num_candidates), -1, np.int32)
+    wanted = rank < num_candidates
     found[row[wanted], rank[wanted]] = label[wanted]
     return found

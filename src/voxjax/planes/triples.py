@@ -66,6 +66,7 @@ def _near_triples(plane_map: PlaneMap, num: int, gap: float) -> np.ndarray:
     normals = np.asarray(plane_map.planes.normal, np.float64)[:num]
     is_near = np.zeros((num, num), bool)
     is_near[a, b] = True
+    # Planes within some 25 degrees of each other fix no point well, and leaving out pairs keeps the triples few.
     is_near &= is_near.T & (np.abs(normals @ normals.T) < 0.9)
     is_near = np.triu(is_near, 1)
     return np.argwhere(is_near[:, :, None] & is_near[:, None, :] & is_near[None, :, :]).astype(np.int32)
@@ -84,6 +85,7 @@ def _support_distance(
     wanted = np.searchsorted(triples.ravel()[order], np.arange(triples.max() + 2))
     for plane in np.unique(triples):
         rows, columns = np.divmod(order[wanted[plane] : wanted[plane + 1]], 3)
+        # Each plane has a tree of its own: the nearest support of all planes would mostly be that of another one.
         tree = KDTree(points[bounds[plane] : bounds[plane + 1]])
         distance[rows, columns] = tree.query(position[rows], distance_upper_bound=reach)[0]
     return distance

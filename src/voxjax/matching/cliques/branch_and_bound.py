@@ -72,6 +72,7 @@ class Search:
                 clique.pop()
                 continue
             bit, colour = stack[-1].pop()
+            # Colours fall along the list: what is left of it cannot reach the goal either.
             if len(clique) + colour < self.goal:
                 stack[-1].clear()
                 continue
@@ -79,6 +80,7 @@ class Search:
                 self.stopped = True
                 return
             inside = candidates[-1] & rows[bit]
+            # All cliques with this node are found below it; the branches beside it do without.
             candidates[-1] &= ~(1 << bit)
             clique.append(names[bit])
             if inside:

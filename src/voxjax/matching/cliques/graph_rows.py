@@ -125,6 +125,7 @@ def prune(
     nodes = np.arange(len(graph))
     is_weak = np.zeros(len(edges), bool) if shared is None else shared < size - 2
     is_first = shared is None
+    # Each edge that falls takes common neighbours from others, until none falls any more.
     while is_first or is_weak.any():
         is_first = False
         edges = peel(edges[~is_weak], len(nodes), size - 1)

@@ -2,11 +2,9 @@
 
 import numpy as np
 
-NUM_STARTS = 32
-
 
 def greedy_clique(
-    graph: np.ndarray, edges: np.ndarray, shared: np.ndarray, num_starts: int = NUM_STARTS
+    graph: np.ndarray, edges: np.ndarray, shared: np.ndarray, num_starts: int = 32
 ) -> np.ndarray:
     """A large clique, not always the largest: grown from the nodes in most triangles.
 
@@ -18,6 +16,7 @@ def greedy_clique(
     """
     triangles = np.bincount(edges.reshape(-1), np.repeat(shared, 2), len(graph))
     best = edges[0]
+    # Large cliques show in triangles: one of k nodes puts each of them into (k - 1)(k - 2) / 2.
     for v in np.argsort(-triangles, kind="stable")[:num_starts]:
         clique = _grow(graph, int(v))
         if len(clique) > len(best):

@@ -157,6 +157,7 @@ class _Part:
         search = Search(size, budget)
 
         def record(clique: list[int]) -> bool:
+            # Cliques that another node would extend are no ties but parts of a larger one.
             if len(clique) > size or self.graph[clique].all(axis=0).any():
                 return True
             if len(found) == max_cliques:

@@ -54,6 +54,8 @@ def frame_poses(
     is_alike = (kind_a == kind_b) | (kind_a == KIND_UNKNOWN) | (kind_b == KIND_UNKNOWN)
     frames_a, angles_a = corner_frames(np.asarray(a.normals)), _face_angles(np.asarray(a.normals))
     found = []
+    # Which face of b belongs to which of a is not known, but both maps list them right-handed: three cyclic orders
+    # are left.
     for shift in range(3):
         normals_b = np.roll(np.asarray(b.normals), shift, axis=1)
         gap = np.abs(angles_a[:, None, :] - _face_angles(normals_b)[None, :, :]).max(axis=2)
@@ -62,6 +64,7 @@ def frame_poses(
         found.append((i, j, rotation))
     i, j = np.concatenate([f[0] for f in found]), np.concatenate([f[1] for f in found])
     rotation = np.concatenate([f[2] for f in found])
+    # Every pose is scored by points of both maps, and corners of right angles nearly all agree with each other.
     if len(i) > max_poses:
         strength = np.asarray(a.weight)[i] * np.asarray(b.weight)[j]
         chosen = np.sort(np.argsort(-strength, kind="stable")[:max_poses])
@@ -117,6 +120,7 @@ def subgraph_poses(
     kind_a, kind_b = np.asarray(a.convexity)[:, None], np.asarray(b.convexity)[None, :]
     is_alike = (kind_a == kind_b) | (kind_a == KIND_UNKNOWN) | (kind_b == KIND_UNKNOWN)
     candidates = np.argwhere(is_alike).astype(np.int32)
+    # Fewer than three associations fix no transform.
     if len(candidates) < 3:
         return SubgraphPoses(np.zeros((0, 4, 4), np.float32), len(candidates), 0, True)
     common = maximum_common_subgraph(
@@ -132,6 +136,7 @@ def subgraph_poses(
     position_a, position_b = np.asarray(a.position), np.asarray(b.position)
     poses = []
     if len(common) >= 3:
+        # Ties of any size get one length and share one compiled alignment; rows of weight 0 do not count.
         size = max(max_corners, len(common))
         for tie in common.ties:
             pairs, weight = np.zeros((size, 2), np.int32), np.zeros(size, np.float32)
@@ -144,6 +149,7 @@ def subgraph_poses(
 def strongest(corners: Corners, count: int) -> Corners:
     """The `count` corners of largest weight, observed ones first, on the host."""
     corners = corners.trimmed()
+    # The last key counts first: observed corners are precise, virtual ones only many.
     order = np.lexsort((-np.asarray(corners.weight), ~np.asarray(corners.is_observed)))[:count]
     rows = (
         corners.position,

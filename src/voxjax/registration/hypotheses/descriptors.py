@@ -57,6 +57,7 @@ def descriptor_hypotheses(
     count = len(matches[4])
     if count < 3:
         return np.zeros((0, 4, 4), np.float32), np.zeros(0, np.int32)
+    # A clique is grown from every match, so that many give the same pose; only distinct ones are fitted further.
     poses, places = _rank_poses(_clique_poses(matches, chosen), matches, chosen)
     distance = chosen.distinct_spacings / chosen.distance_tolerance * float(matches[4].max())
     centroid = matches[2].mean(axis=0, dtype=np.float64).astype(np.float32)
@@ -117,6 +118,7 @@ def _clique_poses(matches: Matches, settings: DescriptorConfig) -> np.ndarray:
     agreement = _agreement(matches, settings.cosine_tolerance)
     is_left = np.ones(len(agreement), bool)
     poses = []
+    # Repeated rooms fill the densest part with false matches; the next part may hold the true ones.
     for _ in range(settings.num_parts):
         nodes = _densest(agreement, is_left, settings.max_nodes)
         if len(nodes) < 3:
@@ -168,6 +170,7 @@ def _rank_poses(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Refit each pose to all matches it explains; poses and their numbers of separate places, best first."""
     count = len(matches[4])
+    # All pairs of maps get one length: another one would compile these kernels anew.
     *sides, tolerance = (pad_rows(values, settings.max_matches) for values in matches)
     mask = np.arange(settings.max_matches) < count
 
@@ -198,6 +201,7 @@ def _in_groups(function: Callable[[np.ndarray], Array], rows: np.ndarray) -> np.
 
 def _count_places(explained: np.ndarray, matches: Matches) -> np.ndarray:
     """Number of separate cells, two tolerances wide in map a, that hold an explained match of each pose."""
+    # Matches beside each other show the same piece of surface, and together say little more than one of them.
     cell = np.floor(matches[0] / (2.0 * matches[4].max())).astype(np.int64)
     _, cell = np.unique(cell, axis=0, return_inverse=True)
     hits = np.zeros((len(explained), int(cell.max()) + 1), bool)
@@ -208,6 +212,7 @@ def _count_places(explained: np.ndarray, matches: Matches) -> np.ndarray:
 
 def _uncentre(poses: np.ndarray, center_a: np.ndarray, center_b: np.ndarray) -> np.ndarray:
     """Poses between the maps' frames, of poses between their centred points."""
+    # The centres of maps may lie far from the origins of their frames, where float32 would round products away.
     result = poses.astype(np.float64)
     result[:, :3, 3] += center_a.astype(np.float64) - result[:, :3, :3] @ center_b.astype(np.float64)
     return result.astype(np.float32)

@@ -6,6 +6,7 @@ from jaxtyping import Float, Int64
 
 def least_trace(degrees: float) -> float:
     """Trace of `R_1^T @ R_2` above which two rotations differ by less than an angle [deg]."""
+    # This is the trace of a rotation by the angle; comparing traces takes no arc cosine for each pair of rows.
     return 1.0 + 2.0 * float(np.cos(np.radians(degrees)))
 
 
@@ -34,6 +35,7 @@ def distinct_rows(
     kept: list[int] = []
     bound = least_trace(degrees)
     order = np.arange(len(rotations)) if scores is None else np.argsort(-scores, kind="stable")
+    # Rows are compared, best first, with kept ones alone: chains of near rows do not make far ones alike.
     for row in order:
         if kept:
             is_near = np.einsum("kij,ij->k", rotations[kept], rotations[row]) > bound

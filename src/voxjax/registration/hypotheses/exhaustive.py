@@ -39,6 +39,7 @@ def _outermost(prepared: PreparedMap) -> np.ndarray:
     ends = np.ones(len(points) + 1, bool)
     ends[1:-1] = np.any(points[1:, :2] != points[:-1, :2], axis=1)
     points = points[ends[1:] | ends[:-1]]
+    # Points in one plane have no convex hull in three dimensions.
     flat = np.linalg.matrix_rank(points - points.mean(axis=0), tol=0.1 * prepared.grid.voxel_size) < 3
     return points if flat else points[ConvexHull(points).vertices]
 
@@ -77,6 +78,8 @@ def exhaustive_hypotheses(
     points_a, points_b = _outermost(a), _outermost(b)
     radius = 0.5 * float(np.linalg.norm(np.ptp(points_b, axis=0)))
     factor, placements = a.coarse_factor, []
+    # The finest cells whose blocks are small enough are taken: what is lost between cells grows with the cells, and
+    # time with the blocks.
     for factor in range(a.coarse_factor, max(a.coarse_factor, chosen.max_factor) + 1):
         cell = factor * a.grid.voxel_size
         # Half a cell at the far end of b is lost in the cells.

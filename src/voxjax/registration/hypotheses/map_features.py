@@ -87,6 +87,7 @@ def map_features(
     leverage = planarity.astype(np.float64) * np.asarray(prepared.weights)[:count]
     is_planar = planarity > chosen.min_planarity
     directions, shares = dominant_directions(normals[is_planar], planarity[is_planar], settings=chosen)
+    # A map without any planar voxel has no leverage; its voxels then count alike.
     drawn = leverage if leverage.sum() > 0 else np.ones(count)
     return MapFeatures(
         prepared=prepared,

@@ -29,8 +29,10 @@ class PoseRange(NamedTuple):
         """Whether each pose is upright, where it must be, and near the guess."""
         is_admitted = np.ones(len(poses), bool)
         if self.max_lean is not None:
+            # The last entry of a rotation is the cosine of the angle between both vertical axes.
             is_admitted &= poses[:, 2, 2] > np.cos(np.radians(self.max_lean))
         if self.guess is not None:
+            # Poses are compared where map b is: far from the origin of its frame a small turn is a long way.
             change = poses - self.guess[None]
             offset = change[:, :3, :3] @ self.centroid + change[:, :3, 3]
             trace = np.einsum("kij,ij->k", poses[:, :3, :3], self.guess[:3, :3])

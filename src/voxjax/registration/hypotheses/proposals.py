@@ -50,6 +50,7 @@ def admit(proposals: Sequence[Proposals], pose_range: PoseRange) -> Proposals:
         [np.zeros((0, 4, 4), np.float32), *(p.poses.astype(np.float32) for p in proposals)]
     )
     sources = [name for p in proposals for name in p.sources]
+    # The order stays: of poses that score alike the ranking takes the first, and with it the name of its source.
     rows = np.flatnonzero(
         np.concatenate([np.zeros(0, bool), *(pose_range.admits(p.poses) for p in proposals)])
     )
@@ -126,6 +127,7 @@ def propose_corner_frames(
     found = frame_poses(
         corners_a, corners_b, angle_tolerance=frame.angle_tolerance, max_poses=frame.max_pairs
     )
+    # This comes before the ranking, in which poses that cannot be would take the places of those that can.
     is_admitted = pose_range.admits(found.poses)
     poses, is_observed = found.poses[is_admitted], found.is_observed[is_admitted]
     if len(poses) == 0:

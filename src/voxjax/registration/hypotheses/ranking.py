@@ -27,11 +27,13 @@ def rank_poses(
     """
     T = poses.astype(np.float32)
     total = np.zeros(len(poses), np.float32)
+    # Points are drawn by leverage, and therefore all count the same.
     weights = np.full(num_points, 1.0 / num_points, np.float32)
     for target, other, direction in ((a, b, T), (b, a, rigid.inverse(T))):
         points = np.asarray(other.points)[sample_rows(other, num_points)]
         shares = score_poses(
             target.coarse_codes(target.coarse_factor), *target.block, points, weights, direction
         )
+        # The shares are of hits, of conflicts, and of what is undecided, which says nothing.
         total += np.asarray(shares) @ np.asarray([1.0, -conflict_weight, 0.0], np.float32)
     return total / 2

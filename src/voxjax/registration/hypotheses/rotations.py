@@ -51,6 +51,7 @@ def pair_rotations(
                 continue
             frame_a = _frame(first, second)
             for k, m in pairs_b:
+                # Dominant directions have no sign: either of the two may point the other way in the other map.
                 for sign in (1.0, -1.0):
                     cos_b = sign * float(directions_b[k] @ directions_b[m])
                     if abs(np.arccos(np.clip(cos_a, -1, 1)) - np.arccos(np.clip(cos_b, -1, 1))) > np.radians(
@@ -112,6 +113,7 @@ def sharpen_rotations(
         return found[0].at[i].set(rotation), found[1].at[i].set(agreement)
 
     start = jnp.asarray(rotations), jnp.zeros(rotations.shape[0], jnp.float32)
+    # A loop ends at `count`, where a batch would go through the padding too.
     return jax.lax.fori_loop(0, count, sharpen, start)
 
 
@@ -152,6 +154,7 @@ def rotation_hypotheses(
         return np.zeros((0, 3, 3), np.float32), np.zeros(0)
     seeds = seeds[distinct_rows(seeds, degrees=apart, max_count=chosen.max_seeds)]
     stride, kernel = chosen.rough_stride, chosen.concentration
+    # Seeds are many and most climb to the same few rotations, which some of the normals are enough to tell.
     rough, agreement = _sharpen(
         samples_a[::stride], samples_b[::stride], seeds, is_signed, chosen.num_rough_steps, kernel
     )

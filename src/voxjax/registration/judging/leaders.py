@@ -28,6 +28,7 @@ def refine_poses(
 ) -> Float[np.ndarray, "k 4 4"]:
     """Align each pose, b onto the surface of a; distances are robust scales [voxel]."""
     rows = sample_rows(b, num_points)
+    # Points are drawn by leverage, and therefore all count the same.
     weights = np.full(num_points, 1.0 / num_points, np.float32)
     points = np.asarray(b.points)[rows]
     start, final = to_device((np.float32(start_distance), np.float32(final_distance)))

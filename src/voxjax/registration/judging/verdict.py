@@ -88,7 +88,10 @@ def probabilities(
     if has_free_space and is_rival.any():
         net = net_scores(judgement, chosen.min_rival_share)
         within = np.where(is_rival, np.maximum(net, 0.0) ** chosen.rival_weight, 0.0)
+        # Rivals whose net score is 0 have the logarithm of 0, which gives them no share.
         with np.errstate(divide="ignore"):
+            # Together rivals weigh as much as the best of them alone: many poses of equal rooms are no more probable
+            # than one against no overlap.
             shared = np.max(utility[is_rival]) + np.log(within / within.sum())
         utility = np.where(is_rival, shared, utility)
     utility = np.concatenate([[weight.none], utility])

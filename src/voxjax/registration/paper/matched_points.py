@@ -45,6 +45,7 @@ class NeighbouringPoints:
         """Rows of the voxels of b within `radius` [m] of the corners, at most `count` a corner, each once."""
         ranks = list(range(1, min(count, len(self.voxels_b)) + 1))
         _, rows = self.tree_b.query(corners_b, k=ranks, distance_upper_bound=radius)  # pyright: ignore
+        # Where there are fewer neighbours, the tree gives the row after the last.
         rows = np.unique(rows)
         return rows[rows < len(self.voxels_b)]
 
@@ -95,6 +96,7 @@ def align_matches(
     T_a_b = kabsch(points_a, points_b).astype(np.float32)
     radius = chosen.neighbour_radius * voxel_size
     rows = neighbours.beside(points_b, radius=radius, count=chosen.max_neighbours)
+    # All rounds have as many rows as any of them may need, and share one compiled fit.
     size = wide_bucket_size(len(points_a) + len(rows), 256)
     converged = True
     reaches = np.geomspace(chosen.first_match_distance, chosen.last_match_distance, chosen.num_rounds)
@@ -137,6 +139,8 @@ def fit_points(
     offset = (points_b - centroid[None, :]) * jnp.sqrt(weights)[:, None]
     radius = jnp.sqrt(jnp.sum(offset * offset, dtype=offset.dtype))
     radius = jnp.maximum(radius, scale)
+    # A step of 1 in any unknown moves the points by about the robust scale: one damping then serves metres and
+    # radians.
     units = jnp.concatenate([jnp.ones(3, points_a.dtype), jnp.ones(3, points_a.dtype) / radius]) * scale
 
     def residuals(unknowns: Array, args: tuple) -> Array:

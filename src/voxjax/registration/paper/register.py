@@ -45,6 +45,8 @@ def register_paper(
         Sections III and IV.
     """
     chosen = PaperConfig() if settings is None else settings
+    # Counts of a window compare only between voxels of one size; details of the finer map cannot be made up in the
+    # other.
     voxel = max(a.voxel_size, b.voxel_size)
     a, b = a.with_voxel_size(voxel), b.with_voxel_size(voxel)
     if not a.num_occupied or not b.num_occupied:

@@ -17,6 +17,7 @@ def count_fused_voxels(a: VoxelGrid, points_b: Float[Array, "n 3"], T_a_b: Float
         points_b: Centres of the occupied voxels of b [m].
         T_a_b: Maps points of b into a.
     """
+    # The origin of a is taken off before the division by the voxel size, so that float32 rounds small numbers.
     T = np.asarray(T_a_b, np.float32)
     moved = np.asarray(points_b, np.float32) @ T[:3, :3].T + (T[:3, 3] - np.asarray(a.origin))
     index = np.floor(moved / np.float32(a.voxel_size)).astype(np.int32)
