@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from bench.kernel_row import KernelRow, Target
 from bench.kernel_rows.scene import rooms
 from voxjax._types import OCCUPIED
+from voxjax.ops.evidence.lookup import Block
 from voxjax.ops.evidence.nearest import nearest_field, split_keys
 from voxjax.ops.evidence.scoring import (
     CONFLICT,
@@ -69,17 +70,17 @@ def _score_by_numpy(
 
 def _score_row(codes: jnp.ndarray, dims: np.ndarray, points: np.ndarray, poses: np.ndarray) -> KernelRow:
     weights = np.full(len(points), 1.0, np.float32)
-    block = (jnp.asarray(dims), jnp.zeros(3, jnp.float32), jnp.float32(_VOXEL))
+    block = Block.of(dims, np.zeros(3, np.float32), _VOXEL)
     arrays = [jnp.asarray(a) for a in (points, weights, poses)]
     host = np.asarray(codes)
-    ours = np.asarray(score_poses(codes, *block, *arrays))
+    ours = np.asarray(score_poses(codes, block, *arrays))
     difference = np.abs(ours - _score_by_numpy(host, dims, points, weights, poses)).sum() / ours.sum()
     assert difference < 1e-3, "scores differ from NumPy's"
     return KernelRow(
         f"score poses, {len(poses)} x {len(points)}",
         "voxjax",
         {
-            "voxjax": lambda: score_poses(codes, *block, *arrays),
+            "voxjax": lambda: score_poses(codes, block, *arrays),
             "NumPy": lambda: _score_by_numpy(host, dims, points, weights, poses),
         },
         len(poses) * len(points),
@@ -122,11 +123,11 @@ def _surface_row(
     normals: np.ndarray,
     poses: np.ndarray,
 ) -> KernelRow:
-    block = (jnp.asarray(dims), jnp.zeros(3, jnp.float32), jnp.float32(_VOXEL))
+    block = Block.of(dims, np.zeros(3, np.float32), _VOXEL)
     weights = np.ones(len(points), np.float32)
     arrays = [jnp.asarray(a) for a in (surface_normals, points, normals, weights, poses)]
     host = (np.asarray(codes), tuple(np.asarray(k) for k in split_keys(keys)))
-    ours = np.asarray(surface_evidence(codes, keys, *block, *arrays, is_signed=True)[0])
+    ours = np.asarray(surface_evidence(codes, keys, block, *arrays, is_signed=True)[0])
     theirs = _surface_by_numpy(*host, dims, surface_normals, points, normals, poses)  # pyright: ignore[reportArgumentType]
     difference = np.abs(ours - theirs).sum() / ours.sum()
     assert difference < 1e-3, "evidence differs from NumPy's"
@@ -134,7 +135,7 @@ def _surface_row(
         f"surface evidence, {len(poses)} x {len(points)}",
         "voxjax",
         {
-            "voxjax": lambda: surface_evidence(codes, keys, *block, *arrays, is_signed=True),
+            "voxjax": lambda: surface_evidence(codes, keys, block, *arrays, is_signed=True),
             "NumPy": lambda: _surface_by_numpy(*host, dims, surface_normals, points, normals, poses),  # pyright: ignore[reportArgumentType]
         },
         len(poses) * len(points),

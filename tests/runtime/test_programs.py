@@ -17,7 +17,7 @@ import pytest
 from voxjax import InputError, use_compilation_cache
 from voxjax._runtime.program_files import KeptProgramWarning, last_used, read_whole
 from voxjax._runtime.programs import keep_programs, kept_program
-from voxjax.ops import score_poses
+from voxjax.ops import Block, score_poses
 from voxjax.refinement.residuals.terms import Level
 
 VALUES = np.asarray([1.0, 2.0, 4.0], np.float32)
@@ -272,8 +272,10 @@ def test_kernels_give_the_same_bits_with_and_without_a_program(folder):
     poses = np.tile(np.eye(4, dtype=np.float32), (6, 1, 1))
     poses[:, :3, 3] = rng.normal(0, 0.3, (6, 3))
 
+    block = Block.of(dims, np.zeros(3, np.float32), 0.1)
+
     def scores():
-        return np.asarray(score_poses(codes, dims, np.zeros(3, np.float32), 0.1, points, weights, poses))
+        return np.asarray(score_poses(codes, block, points, weights, poses))
 
     kept = scores()
     assert len(list(folder.iterdir())) == 1

@@ -8,6 +8,7 @@ from .._runtime.placement import to_device
 from .._runtime.tables import as_table, table_lengths
 from .._types import Array
 from ..grid import VoxelGrid, check_resolution
+from ..ops.evidence.lookup import Block
 from ..ops.evidence.map_tables import code_table, nearest_table
 from ..ops.surface.moments import surface_moments
 
@@ -61,10 +62,10 @@ class PreparedMap(eqx.Module):
         return self.free_share > 0.5
 
     @property
-    def block(self) -> tuple[Array, Array, Array]:
-        """Dims, origin and voxel size, as the lookups take them."""
+    def block(self) -> Block:
+        """Where the flat fields lie, as the lookups take it."""
         origin, voxel_size = to_device((self.grid.origin, np.float32(self.grid.voxel_size)))
-        return self.dims, origin, voxel_size
+        return Block(self.dims, origin, voxel_size)
 
     @property
     def coarse_factor(self) -> int:

@@ -16,6 +16,7 @@ from .descriptors.tiles import near_tiles, point_tree
 from .distance import distance_field
 from .eigen import eigen_by_columns, symmetric_eigen
 from .evidence.align import align_poses
+from .evidence.lookup import Block
 from .evidence.nearest import nearest_field, split_keys
 from .evidence.scoring import evidence_codes, score_poses, surface_evidence
 from .large.sharded import gather_shards, map_shards, shard_grid
@@ -26,6 +27,7 @@ from .window.box import box_count
 from .window.classes import count_change, count_steady_directions, window_classes
 
 __all__ = [
+    "Block",
     "align_poses",
     "backward_affine",
     "box_count",

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from device_path import device_path
 from oracles.motions import pose_of
 from voxjax.ops.evidence.align import align_poses
+from voxjax.ops.evidence.lookup import Block
 from voxjax.ops.evidence.nearest import nearest_field
 
 VOXEL = 0.1
@@ -45,7 +46,7 @@ def align(box, poses, weights=None):
     origin = np.zeros(3, np.float32)
     return np.asarray(
         align_poses(
-            keys, dims, origin, np.float32(VOXEL), points, normals, points, weights, poses, num_steps=25
+            keys, Block.of(dims, origin, VOXEL), points, normals, points, weights, poses, num_steps=25
         )
     )
 

@@ -2,6 +2,7 @@ import numpy as np
 
 from oracles.evidence import shifted_score
 from voxjax.ops.evidence.correlate import coarse_spectra, correlation_peaks
+from voxjax.ops.evidence.lookup import Block
 from voxjax.ops.evidence.nearest import nearest_field
 from voxjax.ops.evidence.scoring import evidence_codes
 
@@ -47,9 +48,7 @@ def test_a_shifted_map_is_found_at_its_shift():
         points = (origin + (index + 0.5) * 0.5).astype(np.float32)
         return coarse_spectra(
             codes,
-            dims,
-            origin,
-            np.float32(0.5),
+            Block(dims, origin, np.float32(0.5)),
             points,
             weights,
             np.eye(3, dtype=np.float32),

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float32, Int32, UInt32
+from jaxtyping import Float32, UInt32
 
 from ... import rigid
 from ..._runtime.materialize import materialized
@@ -21,9 +21,7 @@ from .nearest import nearest_rows
 
 def align_poses(
     keys: UInt32[Array, "flat"],
-    dims: Int32[Array, "3"],
-    origin: Float32[Array, "3"],
-    voxel_size: Float32[Array, ""] | np.floating | float,
+    block: Block,
     surface: Float32[Array, "m 3"],
     normals: Float32[Array, "m 3"],
     points: Float32[Array, "n 3"],
@@ -41,10 +39,8 @@ def align_poses(
     and furniture seen by one map only lets go at the end.
 
     Args:
-        keys: Nearest-voxel field of the map, flat over `dims`.
-        dims: Size of the map's block [voxel].
-        origin: Outer corner of the block [m].
-        voxel_size: Width of a voxel [m].
+        keys: Nearest-voxel field of the map, flat over the block.
+        block: Place and size of the map's block.
         surface: Occupied voxel centres the keys point to [m].
         normals: Unit normals of those voxels.
         points: Points of the other map [m].
@@ -58,9 +54,8 @@ def align_poses(
     Returns:
         Refined poses, same order.
     """
-    block = Block.of(dims, origin, voxel_size)
     robust = jnp.asarray(start_distance, jnp.float32), jnp.asarray(final_distance, jnp.float32)
-    target = _Target(keys, block, surface, normals)
+    target = _Target(keys, Block.of(*block), surface, normals)
     if not on_host(target, points, weights, poses, robust):
         return _align_at_once(target, points, weights, poses, *robust, num_steps, batch_size)
     if len(poses) == 0:

@@ -14,9 +14,7 @@ from .scoring import CONFLICT, HIT, NOTHING
 @partial(jax.jit, static_argnames=("cells",))
 def coarse_spectra(
     codes: UInt8[Array, "flat"],
-    dims: Int32[Array, "3"],
-    origin: Float32[Array, "3"],
-    voxel_size: Float32[Array, ""],
+    block: Block,
     points: Float32[Array, "n 3"],
     weights: Float32[Array, "n"],
     rotation: Float32[Array, "3 3"],
@@ -29,10 +27,8 @@ def coarse_spectra(
     """Fourier transforms of one rotated map on a coarse block: what it offers, and what it asks.
 
     Args:
-        codes: Evidence codes (`evidence_codes`) at the coarse tolerance, flat over `dims`.
-        dims: Size of the map's block [voxel].
-        origin: Outer corner of that block [m].
-        voxel_size: Width of the map's voxels [m].
+        codes: Evidence codes (`evidence_codes`) at the coarse tolerance, flat over the map's block.
+        block: Place and size of that block.
         points: Occupied voxel centres in the map's frame [m].
         weights: Weight of each point; 0 for padding.
         rotation: Maps the map's frame into the frame of the coarse block.
@@ -49,7 +45,7 @@ def coarse_spectra(
     centres = jnp.stack(jnp.meshgrid(*axes, indexing="ij"), axis=-1) + low[None, None, None, :]
     # What the map offers is looked up at the centres of cells, turned back into its frame: no cell is missed, as some
     # would be if voxels were brought to cells.
-    code = lookup(codes, Block.of(dims, origin, voxel_size), centres @ rotation, NOTHING)
+    code = lookup(codes, block, centres @ rotation, NOTHING)
     offer = jnp.where(code == HIT, 1.0, jnp.where(code == CONFLICT, -conflict_weight, 0.0)).astype(
         jnp.float32
     )

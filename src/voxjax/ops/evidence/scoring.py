@@ -188,9 +188,7 @@ def _sums(field: SurfaceField | CodeField, lists: tuple, poses: Array, batch_siz
 def surface_evidence(
     codes: UInt8[Array, "flat"],
     keys: UInt32[Array, "flat"],
-    dims: Int32[Array, "3"],
-    origin: Float32[Array, "3"],
-    voxel_size: Float32[Array, ""] | np.floating | float,
+    block: Block,
     surface_normals: Float32[Array, "m 3"],
     points: Float32[Array, "n 3"],
     normals: Float32[Array, "n 3"],
@@ -210,11 +208,9 @@ def surface_evidence(
     without a copy.
 
     Args:
-        codes: Codes that `evidence_codes` gives, flat over `dims`; they may be longer.
+        codes: Codes that `evidence_codes` gives, flat over the block; they may be longer.
         keys: Keys that `nearest_field` gives, in the same order.
-        dims: Size of the block [voxel].
-        origin: Outer corner of the block [m].
-        voxel_size: Width of a voxel [m].
+        block: Place and size of the block.
         surface_normals: Normals of the voxels that the keys point to, toward free space.
         points: Points of the other map in its own frame [m].
         normals: Normals of those points.
@@ -227,8 +223,7 @@ def surface_evidence(
         Sums of the weights that hit, conflict, are undecided, and meet a surface facing the other way; and the
         information of the hits, the weighted sum of `n n^T` in the frame of the block.
     """
-    block = Block.of(dims, origin, voxel_size)
-    field = SurfaceField(codes, keys, block, surface_normals, jnp.asarray(is_signed, jnp.bool_))
+    field = SurfaceField(codes, keys, Block.of(*block), surface_normals, jnp.asarray(is_signed, jnp.bool_))
     sums = _sums(field, (points, normals, weights), poses, batch_size)
     # Six sums are the upper triangle of the symmetric information.
     information = sums[:, np.asarray([4, 5, 6, 5, 7, 8, 6, 8, 9])].reshape(-1, 3, 3)
@@ -237,9 +232,7 @@ def surface_evidence(
 
 def score_poses(
     codes: UInt8[Array, "flat"],
-    dims: Int32[Array, "3"],
-    origin: Float32[Array, "3"],
-    voxel_size: Float32[Array, ""] | np.floating | float,
+    block: Block,
     points: Float32[Array, "n 3"],
     weights: Float32[Array, "n"],
     poses: Float32[Array, "k 4 4"],
@@ -249,10 +242,8 @@ def score_poses(
     """Weighted hits, conflicts and undecided of many poses, as `surface_evidence` but without sides.
 
     Args:
-        codes: Codes that `evidence_codes` gives, flat in C order over `dims`; they may be longer.
-        dims: Size of the block [voxel].
-        origin: Outer corner of the block [m].
-        voxel_size: Width of a voxel [m].
+        codes: Codes that `evidence_codes` gives, flat in C order over the block; they may be longer.
+        block: Place and size of the block.
         points: Points of the other map in its own frame [m].
         weights: Weight of each point; 0 for padding.
         poses: Each maps the points into the frame of the block.
@@ -261,5 +252,5 @@ def score_poses(
     Returns:
         For each pose the sums of the weights that hit, conflict, and are known but undecided.
     """
-    block = Block.of(dims, origin, voxel_size)
-    return jax.device_put(_sums(CodeField(codes, block), (points, weights), poses, batch_size))
+    field = CodeField(codes, Block.of(*block))
+    return jax.device_put(_sums(field, (points, weights), poses, batch_size))

@@ -14,6 +14,7 @@ from ..._runtime.threads import spread
 from ..._types import Array
 from .correlate import coarse_spectra, correlation_peaks
 from .correlate_host import block_size, coarse_spectra_on_host, correlation_peaks_on_host, reversed_spectrum
+from .lookup import Block
 
 Cells = tuple[int, int, int]
 Peaks = tuple[np.ndarray, np.ndarray]
@@ -155,10 +156,12 @@ def _search_by_kernels(
     """`search_translations` on the default device: one rotation after the other, in blocks of few shapes."""
 
     def spectra(m: CoarseMap, rotation: np.ndarray, low: np.ndarray, cell: float, cells: Cells) -> tuple:
-        block = np.asarray(m.shape, np.int32), np.asarray(m.origin, np.float32), np.float32(m.voxel_size)
+        block = Block(
+            np.asarray(m.shape, np.int32), np.asarray(m.origin, np.float32), np.float32(m.voxel_size)
+        )
         place = rotation.astype(np.float32), low.astype(np.float32), np.float32(cell)
         numbers = to_device((*place, np.float32(conflict_weight)))
-        return coarse_spectra(m.codes, *to_device(block), m.points, m.weights, *numbers, cells=cells)
+        return coarse_spectra(m.codes, to_device(block), m.points, m.weights, *numbers, cells=cells)
 
     needed = [_triple([_rung(int(n)) for n in p.box_a + p.box_b]) for p in placements]
     shared = _share_shapes(set(needed))

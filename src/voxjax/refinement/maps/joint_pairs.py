@@ -113,9 +113,9 @@ def held_maps(parts: Int[np.ndarray, "maps"], anchor: int) -> Bool[np.ndarray, "
 
 
 @jax.jit
-def _share_in_reach(keys: Array, block: tuple[Array, Array, Array], T_a_b: Array, points: Array) -> Array:
+def _share_in_reach(keys: Array, block: Block, T_a_b: Array, points: Array) -> Array:
     """Share of points of b with a voxel of a in reach of the field."""
-    near = lookup(keys, Block(*block), rigid.apply(T_a_b, points), NOTHING_NEAR) != NOTHING_NEAR
+    near = lookup(keys, block, rigid.apply(T_a_b, points), NOTHING_NEAR) != NOTHING_NEAR
     return jnp.mean(near, dtype=jnp.float32)
 
 

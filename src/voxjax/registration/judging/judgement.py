@@ -123,6 +123,6 @@ def _one_way(
         weights = np.full(num_points, 1.0 / num_points, np.float32)
     codes = target.coarse_codes(target.coarse_factor) if is_coarse else target.codes
     shares, fixed = surface_evidence(
-        codes, target.keys, *target.block, target.sides, points, sides, weights, poses, is_signed
+        codes, target.keys, target.block, target.sides, points, sides, weights, poses, is_signed
     )
     return np.asarray(shares, np.float64), np.asarray(fixed, np.float64)

@@ -34,7 +34,7 @@ def refine_poses(
     start, final = to_device((np.float32(start_distance), np.float32(final_distance)))
     refined = align_poses(
         a.keys,
-        *a.block,
+        a.block,
         a.points,
         a.normals,
         points,

@@ -71,7 +71,7 @@ def _counts(target: PreparedMap, other: PreparedMap, poses: np.ndarray) -> np.nd
     """Hits, conflicts and undecided voxels of `other` in `target` (n, 3)."""
     points = np.asarray(other.points)[: other.num_points]
     ones = np.ones(len(points), np.float32)
-    return np.asarray(score_poses(target.codes, *target.block, points, ones, poses), np.float64)
+    return np.asarray(score_poses(target.codes, target.block, points, ones, poses), np.float64)
 
 
 def _rival(
