@@ -3,12 +3,11 @@
 from typing import NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int32
 
 from ..._types import Array
-from .equations import move_about, tangent_slopes
+from .chart import chart_about
 from .implicit import by_conjugate_gradients, by_pseudo_inverse
 from .joint_problem import JointProblem
 from .levels import MAX_LEVEL_STEPS, lead, no_worse, precision_of, settle
@@ -34,31 +33,6 @@ class RefinedPoses(NamedTuple):
     cost_after: Float[Array, ""]
     num_steps: Int32[Array, ""]
     converged: Bool[Array, ""]
-
-
-class _Charts(NamedTuple):
-    """Poses as six unknowns a map around a start, in units in which their steps are of order one."""
-
-    start: Float[Array, "maps 4 4"]
-    centroids: Float[Array, "maps 3"]
-    units: Float[Array, "maps 6"]
-    is_fixed: Bool[Array, "maps"]
-
-    def poses(self, unknowns: Float[Array, "maps 6"]) -> Float[Array, "maps 4 4"]:
-        """The poses of unknowns."""
-        moved = jax.vmap(move_about)(self.start, self.centroids, unknowns * self.units)
-        return jnp.where(self.is_fixed[:, None, None], self.start, moved)
-
-    def slopes(self, unknowns: Float[Array, "maps 6"]) -> Float[Array, "maps 6 6"]:
-        """Tangents about the images of the centroids with a change of the unknowns; 0 for maps that stay."""
-        slopes = jax.vmap(tangent_slopes)(unknowns * self.units) * self.units[:, None, :]
-        return jnp.where(self.is_fixed[:, None, None], jnp.zeros_like(slopes), slopes)
-
-
-def _charts_about(start: Float[Array, "maps 4 4"], problem: JointProblem, scale: Float[Array, ""]) -> _Charts:
-    one = jnp.ones((start.shape[0], 3), start.dtype)
-    units = jnp.concatenate([one, one / problem.radii[:, None]], axis=1) * scale
-    return _Charts(start, problem.centroids, units, problem.is_fixed)
 
 
 @eqx.filter_jit
@@ -89,12 +63,12 @@ def solve_joint(
     start = jnp.asarray(poses)
     found, steps = start, jnp.zeros((), jnp.int32)
     if scales.shape[0] > 1:
-        charts = _charts_about(start, problem, scales[-2])
-        found, steps, _ = lead(problem, charts, scales, max_level_steps=max_level_steps)
+        chart = chart_about(start, problem.centroids, problem.radii, scales[-2], is_fixed=problem.is_fixed)
+        found, steps, _ = lead(problem, chart, scales, max_level_steps=max_level_steps)
     solver = by_pseudo_inverse if start.shape[0] <= DIRECT_MAPS else by_conjugate_gradients
     refined, more, is_converged = settle(
         problem,
-        _charts_about(found, problem, scales[-1]),
+        chart_about(found, problem.centroids, problem.radii, scales[-1], is_fixed=problem.is_fixed),
         scales,
         max_level_steps=max_level_steps,
         solve=solver(precision_of(start.dtype).rank),

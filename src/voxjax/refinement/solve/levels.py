@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int32, PyTree
 
 from ..._types import Array
 from ..residuals.terms import Level
+from .chart import Chart
 from .implicit import Matrix, implicit_solution
 from .problem import sum_of_squares
 from .solver import AnnealedLevenbergMarquardt, Stage
@@ -75,24 +76,6 @@ class Problem(Protocol):
         ...
 
 
-@runtime_checkable
-class Chart(Protocol):
-    """Poses around a start as unknowns, in units in which their steps are of order one."""
-
-    @property
-    def units(self) -> Array:
-        """Size of one unit of each unknown [m, rad]."""
-        ...
-
-    def poses(self, unknowns: Array, /) -> Array:
-        """The poses that they stand for."""
-        ...
-
-    def slopes(self, unknowns: Array, /) -> Array:
-        """Tangents about the images of the centroids with a change of the unknowns."""
-        ...
-
-
 class Descent(NamedTuple):
     """Where a descent ended.
 
@@ -142,6 +125,7 @@ def lead(
     """
     first, stop = levels or (0, scales.shape[0] - 1)
     stages = [Stage(k, _COARSE_STEP, max_level_steps) for k in range(first, stop)]
+    # A solution does not depend on the way to it: nothing here is differentiated.
     args = jax.lax.stop_gradient(_Args(problem.thinned(stride), chart, scales))
     return _descend(args, tuple(stages)).at(args.chart)
 
@@ -171,11 +155,13 @@ def settle(
     """
     last, dtype = scales.shape[0] - 1, chart.units.dtype
     stages = (
+        # First matches follow the pose and the cost jumps; then they are held, down to what rounding allows.
         Stage(last, held_from, max_level_steps, rough=_COARSE_STEP),
         Stage(last, precision_of(dtype).step, max_held_steps, is_held=True),
     )
     args = _Args(problem, jax.lax.stop_gradient(chart), scales)
     end = _descend(jax.lax.stop_gradient(args), stages)
+    # The derivative is that of the equation that the solution fulfils, not that of the steps that found it.
     unknowns = implicit_solution(end.unknowns, (args, end.place), slope=_slope_of_held, solve=solve)
     return end._replace(unknowns=unknowns).at(args.chart)
 
@@ -204,6 +190,7 @@ def no_worse(
     before, after = problem.cost(start, level), problem.cost(found, level)
     is_better = after < before
     is_same = jnp.max(jnp.abs(found - start)) < same_pose * scales[-1]
+    # The difference is 0, but has the derivative of what was found.
     kept = start + jnp.where(is_same, found - jax.lax.stop_gradient(found), jnp.zeros_like(found))
     return jnp.where(is_better, found, kept), before, jnp.where(is_better, after, before)
 
@@ -238,6 +225,8 @@ def _descend(args: _Args, stages: tuple[Stage, ...]) -> _End:
         unknown=_unknown,
         equations=_equations,
     )
+    # The outcome is data (`throw=False`): one start that fails must not end a batch, and callbacks keep kernels out of
+    # JAX's cache.
     solution = optx.least_squares(
         _residuals,
         solver,
@@ -266,6 +255,7 @@ def _unknown(unknowns: Array, args: _Args) -> Any:
 
 def _equations(unknowns: Array, met: tuple[PyTree, ...], args: _Args, number: Int32[Array, ""]) -> Any:
     poses = args.chart.poses(unknowns)
+    # Equations are made at the pose itself and taken to the unknowns of the chart by the chain rule.
     return args.problem.holding(met).equations(poses, args.level(number)).along(args.chart.slopes(unknowns))
 
 

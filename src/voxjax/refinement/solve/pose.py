@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int32
 from ..._runtime.programs import kept_program
 from ..._types import Array
 from ..residuals.terms import Level
-from .equations import move_about, tangent_slopes
+from .chart import chart_about
 from .implicit import by_pseudo_inverse
 from .levels import MAX_LEVEL_STEPS, Problem, lead, no_worse, precision_of, settle
 from .problem import PoseProblem
@@ -34,27 +34,6 @@ class RefinedPose(NamedTuple):
     cost_after: Float[Array, ""]
     num_steps: Int32[Array, ""]
     converged: Bool[Array, ""]
-
-
-class _Chart(NamedTuple):
-    """Poses as six unknowns around a start, in units in which their steps are of order one."""
-
-    start: Float[Array, "4 4"]
-    centroid: Float[Array, "3"]
-    units: Float[Array, "6"]
-
-    def poses(self, unknowns: Float[Array, "6"]) -> Float[Array, "4 4"]:
-        """The pose of unknowns."""
-        return move_about(self.start, self.centroid, unknowns * self.units)
-
-    def slopes(self, unknowns: Float[Array, "6"]) -> Float[Array, "6 6"]:
-        """Tangent about the image of the centroid with a change of the unknowns."""
-        return tangent_slopes(unknowns * self.units) * self.units[None, :]
-
-
-def _chart_about(start: Float[Array, "4 4"], problem: PoseProblem, scale: Float[Array, ""]) -> _Chart:
-    one = jnp.ones(3, start.dtype)
-    return _Chart(start, problem.centroid, jnp.concatenate([one, one / problem.radius]) * scale)
 
 
 @kept_program
@@ -91,7 +70,8 @@ def find_basin(
     first, stop = levels or (0, scales.shape[0] - 1)
     if first >= stop:
         return start, jnp.zeros((), jnp.int32)
-    chart = _chart_about(start, problem, scales[stop - 1])
+    # Steps are of order one on the finest of these levels.
+    chart = chart_about(start, problem.centroid, problem.radius, scales[stop - 1])
     found, steps, _ = lead(problem, chart, scales, levels=(first, stop), max_level_steps=max_level_steps)
     return found, steps
 
@@ -129,6 +109,7 @@ def problem_costs(
 
 def _of_rows(function: Callable[[Array], Any], rows: Array, count: Array) -> Any:
     """A function of each of the first `count` rows."""
+    # The length of the loop is traced; `vmap` would let all rows wait for the slowest, and compute those that do not count.
     shapes = jax.eval_shape(function, rows[0])
     nothing = jax.tree.map(lambda one: jnp.zeros((len(rows), *one.shape), one.dtype), shapes)
 
@@ -180,7 +161,7 @@ def solve_pose(
         found, steps = find_basin(problem, start, scales, max_level_steps=max_level_steps)
     T, more, is_converged = settle(
         problem,
-        _chart_about(found, problem, scales[-1]),
+        chart_about(found, problem.centroid, problem.radius, scales[-1]),
         scales,
         max_level_steps=max_level_steps,
         solve=by_pseudo_inverse(precision_of(start.dtype).rank),
