@@ -7,21 +7,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._checks import InputError, check_choice
 from .._runtime.threads import spread
 from .._types import Array
 from ..grid import VoxelGrid
 from ..maps.prepared import PreparedMap
 from .maps.coarse_to_fine import better, checked_distances, coarse_levels, scales_in_reach
 from .maps.many_starts import solve_starts
-from .maps.pair import checked_residuals, pose_problem
+from .maps.pair import check_options, checked_residuals, pose_problem
 from .maps.starts import checked_start, lead_pose
 from .maps.views import views_of
 from .outcome import Refinement, how_it_ended, unrefined_pose
 from .residuals.losses import Loss
 from .residuals.terms import Term
 from .solve.covariance import PATCH_VOXELS, pose_covariance
-from .solve.pose import problem_cost, solve_pose
+from .solve.pose import RefinedPose, problem_cost, solve_pose
 from .solve.problem import PoseProblem
 
 
@@ -77,32 +76,30 @@ def refine(
     References:
         Section IV.D and V.B: the exact transform comes from the matches and their neighbouring points.
     """
-    check_choice("loss", loss, ("geman_mcclure", "cauchy", "huber", "squared"))
-    if num_points < 1:
-        raise InputError(f"num_points must be 1 or more, got {num_points}.")
+    check_options(loss, num_points)
     kinds = checked_residuals(residuals)
     start = checked_start("T_a_b", T_a_b)
     target, other = views_of({"a": a, "b": b}, soft=soft)
     if target is None or other is None:
         return unrefined_pose(start)
+
+    # Starts beyond the reach of the maps' own fields are led to within it, along coarser maps.
     voxel = target.prepared.grid.voxel_size
     first, last = checked_distances(max_distance, final_distance, voxel)
     coarse = coarse_levels([target.prepared, other.prepared], first, voxel)
     led = lead_pose(start, other.prepared.centroid, coarse, loss=loss, both_ways=both_ways)
-    problem = pose_problem(
-        target, other, residuals=kinds, num_points=num_points, loss=loss, both_ways=both_ways
-    )
-    planes = problem
-    if kinds.get("planes") != 1.0:
-        planes = pose_problem(target, other, num_points=num_points, both_ways=both_ways)
+
+    # On the maps themselves the robust scale falls, level by level.
+    between = partial(pose_problem, target, other, num_points=num_points, both_ways=both_ways)
+    problem = between(residuals=kinds, loss=loss)
+    # The covariance counts planes of weight 1, whatever is minimised: it must not depend on weights.
+    planes = problem if kinds.get("planes") == 1.0 else between()
     problem = PoseProblem((*problem.terms, *terms), problem.centroid, problem.radius)
     scales = scales_in_reach(first, last, voxel).astype(problem.centroid.dtype)
-    solve = solve_starts if start.ndim == 3 else solve_pose
-    found = solve(problem, led, scales)
+    found = (solve_starts if start.ndim == 3 else solve_pose)(problem, led, scales)
     if coarse:
-        (before,) = _each(lambda T: (problem_cost(problem, T, scales),), start)
-        T, after = better(start, before, found.T_a_b, found.cost_after)
-        found = found._replace(T_a_b=T, cost_before=before, cost_after=after)
+        found = _beside_start(found, problem, start, scales)
+
     num_patches = np.asarray(other.prepared.num_points / PATCH_VOXELS, scales.dtype)
     covariance = partial(pose_covariance, planes, scale=scales[-1], num_patches=num_patches)
     covariances, is_degenerate = _each(covariance, found.T_a_b)
@@ -115,6 +112,16 @@ def refine(
         cost_before=found.cost_before,
         cost_after=found.cost_after,
     )
+
+
+def _beside_start(found: RefinedPose, problem: PoseProblem, start: Array, scales: Array) -> RefinedPose:
+    """What was found from where a start was led, or the start where that was better.
+
+    The solver compares what it finds with the pose that it is given, which is not the user's once that was led.
+    """
+    (before,) = _each(lambda T: (problem_cost(problem, T, scales),), start)
+    T, after = better(start, before, found.T_a_b, found.cost_after)
+    return found._replace(T_a_b=T, cost_before=before, cost_after=after)
 
 
 def _each(function: Callable[[Array], tuple[Array, ...]], poses: Array) -> tuple[Array, ...]:

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .._checks import InputError, check_choice
+from .._checks import InputError
 from .._results import RESULTS
 from .._types import Array
 from ..grid import VoxelGrid
@@ -24,7 +24,7 @@ from .maps.joint_pairs import (
     overlapping_pairs,
     with_named,
 )
-from .maps.pair import checked_residuals
+from .maps.pair import check_options, checked_residuals
 from .maps.starts import checked_starts, lead_poses, values_of_start
 from .maps.views import views_of
 from .outcome import JointRefinement, how_it_ended, unrefined_poses
@@ -91,15 +91,9 @@ def refine_joint(
     References:
         Pulli, Multiview Registration for Large Data Sets, 1999.
     """
-    check_choice("loss", loss, ("geman_mcclure", "cauchy", "huber", "squared"))
-    if num_points < 1:
-        raise InputError(f"num_points must be 1 or more, got {num_points}.")
+    check_options(loss, num_points)
     kinds = checked_residuals(residuals)
-    if len(grids) < 2 or len(grids) != len(poses):
-        raise InputError(
-            f"grids and poses must be two or more and equally many, got {len(grids)} and {len(poses)}."
-        )
-    start = checked_starts("poses", [values_of_start(f"poses[{k}]", T) for k, T in enumerate(poses)])
+    start = _checked_poses(poses, len(grids))
     check_map("anchor", anchor, len(grids))
     chosen = None if pairs is None else checked_pairs("pairs", pairs, len(grids))
     named = checked_terms(terms, chosen, len(grids))
@@ -113,6 +107,7 @@ def refine_joint(
         chosen = _overlapping(filled, coarse, start)
     chosen = [(a, b) for a, b in with_named(chosen, named) if a in filled and b in filled]
 
+    # Residuals see relative poses alone, so one map of each set that pairs connect has to stay.
     parts = connected_parts(len(grids), chosen)
     is_held = held_maps(parts, anchor)
     held = tuple(np.flatnonzero(is_held).tolist())
@@ -121,6 +116,7 @@ def refine_joint(
         reason = RESULTS.empty_map if len(filled) < 2 else RESULTS.no_overlap
         return unrefined_poses(start, reason, held, unpaired)
 
+    # The residuals of all pairs; covariances count planes of weight 1, whatever is minimised, as of `refine`.
     made = joint_maps(views, chosen, kinds, num_points)
     dtype = made.centroids.dtype
     problem = made.problem(chosen, is_held, residuals=kinds, terms=named, loss=loss)
@@ -128,13 +124,15 @@ def refine_joint(
     if kinds.get("planes") != 1.0:
         planes = made.problem(chosen, is_held, residuals=checked_residuals(None), terms={}, loss=loss)
     scales = scales_in_reach(first, last, voxel).astype(dtype)
-    # Beside the world's origin, float32 keeps its digits.
+
+    # Poses are solved beside the world's origin, where float32 keeps its digits.
     shift = np.zeros((1, 4, 4), dtype)
     shift[0, :3, 3] = start[anchor, :3, 3]
     near = jnp.asarray(start.astype(dtype) - shift)
+    # Coarser maps lead far starts to within the reach of the maps' own fields, where all poses are solved together.
     led = lead_poses(near, made.centroids, coarse, tuple(filled), chosen, is_held, loss)
     found = solve_joint(problem, led, scales)
-    if coarse:
+    if coarse:  # the solver has compared with where the starts were led, which the user did not give
         before = problem_cost(problem, near, scales)
         T, after = better(near, before, found.poses, found.cost_after)
         found = found._replace(poses=T, cost_before=before, cost_after=after)
@@ -153,6 +151,19 @@ def refine_joint(
         cost_before=found.cost_before / len(chosen),
         cost_after=found.cost_after / len(chosen),
     )
+
+
+def _checked_poses(poses: Sequence[object] | Array, num_maps: int) -> Float[np.ndarray, "maps 4 4"]:
+    """The starts as values.
+
+    Raises:
+        InputError: If there are too few, not as many as maps, or one is no rigid transform.
+    """
+    if num_maps < 2 or num_maps != len(poses):
+        raise InputError(
+            f"grids and poses must be two or more and equally many, got {num_maps} and {len(poses)}."
+        )
+    return checked_starts("poses", [values_of_start(f"poses[{k}]", T) for k, T in enumerate(poses)])
 
 
 def _overlapping(

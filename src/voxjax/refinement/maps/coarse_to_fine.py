@@ -14,12 +14,8 @@ from ..._types import Array
 from ...maps.prepared import PreparedMap, prepare_map
 from ..solve.equations import move_about
 
-START_DISTANCE, FINAL_DISTANCE = 4.0, 1.0
-"""Robust scale of the first and of the last level [voxel]."""
-
-
-COARSE_POINTS = 2048
-"""Voxels of coarsened maps to use."""
+START_DISTANCE = 4.0
+"""Robust scale of the first level [voxel]: within the reach of a map's field of nearest voxels, which is 5."""
 
 
 class CoarseLevel(NamedTuple):
@@ -28,10 +24,12 @@ class CoarseLevel(NamedTuple):
     Attributes:
         maps: The maps, coarsened.
         scales: Robust scales to lead them with [m].
+        num_points: Voxels of each map to use: few, because these levels only lead to the basin.
     """
 
     maps: list[PreparedMap]
     scales: Float[np.ndarray, "levels"]
+    num_points: int = 2048
 
 
 def checked_distances(
@@ -43,7 +41,7 @@ def checked_distances(
         InputError: If one is not positive.
     """
     first = START_DISTANCE * voxel_size if max_distance is None else max_distance
-    last = FINAL_DISTANCE * voxel_size if final_distance is None else final_distance
+    last = 1.0 * voxel_size if final_distance is None else final_distance
     first = check_positive("max_distance", first, "m")
     return first, min(check_positive("final_distance", last, "m"), first)
 
@@ -52,6 +50,7 @@ def robust_scales(first: float, last: float) -> Float[np.ndarray, "levels"]:
     """Robust scale of each level, falling [m]."""
     # Levels while the robust scale halves.
     levels_per_octave = 2
+    # What rounding leaves of a whole number of octaves must not add a level.
     num_levels = max(int(np.ceil(levels_per_octave * np.log2(first / last) - 1e-6)), 1)
     return np.geomspace(last, first, num_levels)[::-1].astype(np.float32)
 
@@ -81,6 +80,8 @@ def coarse_levels(maps: Sequence[PreparedMap], first: float, voxel_size: float) 
         coarser = spread(
             lambda grid, factor=factor: prepare_map(grid.with_voxel_size(factor * grid.voxel_size)), grids
         )
+        # Each level leads from four of its voxels down to two, which are four of the next finer level: there it takes
+        # over.
         width = START_DISTANCE * factor * voxel_size
         levels.append(CoarseLevel(coarser, robust_scales(min(width, first), width / 2)))
     return levels
@@ -93,6 +94,7 @@ def turned(T_a_b: Float[Array, "4 4"], centroid: Float[Array, "3"]) -> Float[Arr
     """
     # Turns about each axis from which far starts are led as well [degrees].
     side_turn = 20.0
+    # The pose as it is comes first, so that it is taken among equals.
     turns = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)]) * np.radians(side_turn)
     tangents = np.concatenate([np.zeros_like(turns), turns], axis=1).astype(T_a_b.dtype)
     return jax.vmap(move_about, in_axes=(None, None, 0))(T_a_b, jnp.asarray(centroid), jnp.asarray(tangents))
@@ -113,5 +115,6 @@ def better(
         after: What they cost.
     """
     is_better: Bool[Array, "*costs"] = jnp.asarray(after < before)
+    # One cost may decide about many poses: rank promotion is refused, so axes are added by hand.
     each = is_better.reshape(is_better.shape + (1,) * (start.ndim - is_better.ndim))
     return jnp.where(each, found, start), jnp.where(is_better, after, before)

@@ -14,8 +14,10 @@ from ..residuals.distance import plane_distances
 from ..residuals.fields import Field
 from ..residuals.planes import NearestSurface
 
-LEAST_VALUES = 1 << 16
-"""Values of the shortest field; lengths climb in wide steps, so that maps share compiled kernels."""
+
+def field_length(num_values: int, *, smallest: int = 1 << 16) -> int:
+    """Length of the table for the values of a field: lengths climb in wide steps, so that maps share kernels."""
+    return wide_bucket_size(num_values, smallest)
 
 
 def distance_field_of(prepared: PreparedMap, surface: NearestSurface) -> Field:
@@ -31,9 +33,10 @@ def distance_field_of(prepared: PreparedMap, surface: NearestSurface) -> Field:
     cells = np.flatnonzero(keys != NOTHING_NEAR)
     voxel_size = jnp.asarray(surface.voxel_size)
     reach = jnp.asarray(FIELD_RADIUS, voxel_size.dtype) * voxel_size
+    # A sign needs free space on one side: elsewhere it would be that of an arbitrary normal.
     sides = np.asarray(prepared.sides)[: len(surface.points)]
     is_signed = sides.any(axis=1) & prepared.has_free_space
-    length = wide_bucket_size(len(cells), LEAST_VALUES)
+    length = field_length(len(cells))
     nearest = pad_rows(np.asarray(split_keys(keys[cells])[0]), length)
     centres = prepared.grid.world_from_index(_unravel(cells, prepared)).astype(voxel_size.dtype)
     distances = plane_distances(
@@ -64,7 +67,7 @@ def opinion_field_of(prepared: PreparedMap, said: Float[Array, "x y z"] | None =
     keys = _keys(prepared)
     is_near = (keys != NOTHING_NEAR) & (np.asarray(split_keys(keys)[1]) <= band_sq)
     cells = np.flatnonzero(is_near)
-    length = wide_bucket_size(len(cells), LEAST_VALUES)
+    length = field_length(len(cells))
     if said is None:
         near = np.where(states[cells] == OCCUPIED, 1.0, np.where(states[cells] == FREE, -1.0, 0.0))
         near = jnp.asarray(pad_rows(near.astype(np.float32), length))
@@ -72,6 +75,7 @@ def opinion_field_of(prepared: PreparedMap, said: Float[Array, "x y z"] | None =
         near = jnp.asarray(said).reshape(-1)[pad_rows(cells, length)]
     values = jnp.concatenate([jnp.asarray([0.0, -1.0], near.dtype), near])
     field = _field(prepared, cells, 2, values)
+    # The rows are still the host's memory, which may be written until it is put on the device.
     rows = np.asarray(field.rows)
     rows[np.flatnonzero((states == FREE) & ~is_near)] = 1
     return field._replace(rows=jax.device_put(rows))
@@ -86,6 +90,7 @@ def _unravel(cells: np.ndarray, prepared: PreparedMap) -> np.ndarray:
 
 
 def _field(prepared: PreparedMap, cells: np.ndarray, first: int, values: Array) -> Field:
+    # What is not written is row 0, that of all that is far, and takes no memory.
     rows = reserve(len(prepared.keys), dtype=np.int32)
     rows[cells] = np.arange(first, first + len(cells), dtype=np.int32)
     dims, origin, voxel_size = prepared.block

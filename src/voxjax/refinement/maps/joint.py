@@ -52,6 +52,7 @@ class JointMaps(NamedTuple):
             between = terms_between(ways, residuals, loss)
             return PoseProblem((*between, *terms.get((a, b), ())), self.centroids[b], self.radii[b])
 
+        # Pairs of equal shapes are stacked, so that the kernel does not grow with their number.
         edges = edges_of([(a, b, of_pair(a, b)) for a, b in pairs])
         return JointProblem(edges, self.centroids, self.radii, jnp.asarray(is_fixed))
 
@@ -73,6 +74,7 @@ def joint_maps(
     Raises:
         InputError: If the maps are too large for one table.
     """
+    # Points and tables are made once a map, however many pairs it is in.
     used = set(itertools.chain(*pairs))
     views = {
         number: as_view(given) for number, given in enumerate(maps) if given is not None and number in used

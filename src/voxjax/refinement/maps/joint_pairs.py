@@ -86,6 +86,7 @@ def overlapping_pairs(maps: Sequence[PreparedMap | None], poses: Float[np.ndarra
     filled = {number: prepared for number, prepared in enumerate(maps) if prepared is not None}
     points = {number: _points(prepared) for number, prepared in filled.items()}
 
+    # Both ways count: a small map may lie wholly in a large one, of which it covers little.
     def share(a: int, b: int) -> float:
         T_a_b = relative_pose(jnp.asarray(poses[a]), jnp.asarray(poses[b]))
         return float(_share_in_reach(filled[a].keys, filled[a].block, T_a_b, points[b]))
@@ -100,6 +101,7 @@ def connected_parts(num_maps: int, pairs: Sequence[Pair]) -> Int[np.ndarray, "ma
     a, b = np.asarray(pairs, np.int64).reshape(-1, 2).T
     graph = coo_array((np.ones(len(pairs), np.int8), (a, b)), shape=(num_maps, num_maps))
     part = connected_components(graph, directed=False)[1]
+    # Labels of parts are arbitrary; the lowest number of a part does not depend on the order of pairs.
     _, lowest, number = np.unique(part, return_index=True, return_inverse=True)
     return lowest[number]
 

@@ -17,7 +17,7 @@ from ...ops.evidence.nearest import INDEX_BITS, NOTHING_NEAR
 from ..residuals.atlas import AtlasField, AtlasSurface
 from ..residuals.fields import Field
 from ..residuals.planes import NearestSurface
-from .field_tables import LEAST_VALUES
+from .field_tables import field_length
 from .parts import Target
 
 
@@ -31,6 +31,7 @@ def in_common_tables(targets: Sequence[Target], maps: Sequence[PreparedMap]) -> 
     Raises:
         InputError: If the maps are too large for one table.
     """
+    # Tables are cut to what is in each map: padded ones would not fit together.
     sizes = [int(np.prod(np.asarray(prepared.dims), dtype=np.int64)) for prepared in maps]
     counts = [prepared.num_points for prepared in maps]
     if sum(sizes) > np.iinfo(np.int32).max or sum(counts) >= 1 << INDEX_BITS:
@@ -62,6 +63,7 @@ def _surfaces(
 
     def keys(surface: NearestSurface, size: int, row: int) -> np.ndarray:
         own = np.asarray(surface.keys)[:size]
+        # A key has its row in the low bits, and all rows together fit there, as checked above: adding moves it on.
         return np.where(own == NOTHING_NEAR, own, own + np.uint32(row))
 
     def rows(name: str) -> Array:
@@ -103,7 +105,7 @@ def _fields(fields: Sequence[Field | None], sizes: Sequence[int]) -> list[AtlasF
     all_rows = _table(
         [np.asarray(field.rows)[:size] + np.int32(row) for field, size, row in parts], num_cells
     )
-    values = _table([field.values for field in given], wide_bucket_size(sum(counts), LEAST_VALUES))
+    values = _table([field.values for field in given], field_length(sum(counts)))
     return [
         AtlasField(
             rows=all_rows,
@@ -124,6 +126,7 @@ def _firsts(lengths: Sequence[int]) -> list[int]:
 
 def _table(parts: Sequence[Array], length: int) -> Array:
     """Parts one after the other, followed by zeros up to a length; traced where a part is."""
+    # Reserved memory takes values alone; what is traced is concatenated inside of its trace.
     if not any(isinstance(part, Tracer) for part in parts):
         return jax.device_put(as_table(np.concatenate([np.asarray(part) for part in parts]), length))
     whole = jnp.concatenate([jnp.asarray(part) for part in parts])

@@ -33,6 +33,7 @@ def solve_starts(
     """
     starts, num_levels = np.asarray(starts), len(scales)
     poses, steps = starts, np.zeros(len(starts), np.int32)
+    # Starts that met on the first level share the levels after it: most of the work is spent where few are left.
     for levels in ((0, 1), (1, num_levels - 1)):
         if levels[0] < levels[1] < num_levels:
             basin, chosen = _basins(poses, problem, float(scales[levels[0]]))
@@ -41,6 +42,7 @@ def solve_starts(
     basin, chosen = _basins(poses, problem, float(scales[-1]))
     found = spread_solves(lambda row: solve_pose(problem, poses[row], scales, is_led=True), list(chosen))
     T, _, after, more, converged = (np.stack([np.asarray(one[k]) for one in found])[basin] for k in range(5))
+    # Costs are those of the starts themselves: a basin found from one of them may be no better than another.
     before = _grouped(partial(problem_costs, scales=scales), problem, starts)[0]
     is_better = after < before
     return RefinedPose(
@@ -76,7 +78,12 @@ def spread_solves(function: Callable[[Any], Any], items: Iterable[Any]) -> list[
 def _basins(
     poses: Float[np.ndarray, "k 4 4"], problem: PoseProblem, scale: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """For each pose the number of its basin, and for each basin the row of its first pose."""
+    """For each pose the number of its basin, and for each basin the row of its first pose.
+
+    `registration.hypotheses.distinct` chooses among hypotheses, degrees apart, by the trace of their rotations. Here
+    poses are compared at fractions of a voxel, for which a trace in float32 has few digits left, and those that are not
+    chosen have to know whom they follow.
+    """
     # Poses that differ by less than this [robust scale of the next level], at the centroid and at
     # the map's radius, go on as one.
     same_shift = 0.1
@@ -87,6 +94,7 @@ def _basins(
         if basin[row] >= 0:
             continue
         shift = np.linalg.norm(images - images[row], axis=1)
+        # The chord of the turn between rotations; unlike an angle from the trace, it keeps its digits near 0.
         turn = np.linalg.norm(poses[:, :3, :3] - poses[row, :3, :3], axis=(1, 2)) / np.sqrt(2.0)
         is_same = (basin < 0) & (np.maximum(shift, turn * radius) < same_shift * scale)
         basin[is_same] = len(chosen)

@@ -1,12 +1,13 @@
 """From two maps to the residuals between them: what host code decides before anything is differentiated."""
 
 from collections.abc import Mapping, Sequence
+from typing import get_args
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..._checks import InputError
+from ..._checks import InputError, check_choice
 from ..._runtime.placement import to_device
 from ...maps.prepared import PreparedMap
 from ..residuals.distance import Distances
@@ -18,8 +19,16 @@ from ..solve.problem import PoseProblem
 from .parts import Points, Target, centre_of, points_of, target_of
 from .views import MapView, as_view
 
-KINDS = ("planes", "distances", "occupancies")
-"""Residuals that can be asked for by name."""
+
+def check_options(loss: str, num_points: int) -> None:
+    """Refuse what no refinement can work with.
+
+    Raises:
+        InputError: If the loss is not known, or no point is to be used.
+    """
+    check_choice("loss", loss, get_args(Loss))
+    if num_points < 1:
+        raise InputError(f"num_points must be 1 or more, got {num_points}.")
 
 
 def checked_residuals(residuals: Mapping[str, float] | None) -> dict[str, float]:
@@ -28,14 +37,15 @@ def checked_residuals(residuals: Mapping[str, float] | None) -> dict[str, float]
     Raises:
         InputError: If there is none, a kind is not known or a weight not positive.
     """
+    known = ("planes", "distances", "occupancies")
     residuals = {"planes": 1.0} if residuals is None else dict(residuals)
     for kind, weight in residuals.items():
-        if kind not in KINDS:
-            raise InputError(f"residuals must be among {', '.join(KINDS)}, got {kind!r}.")
+        if kind not in known:
+            raise InputError(f"residuals must be among {', '.join(known)}, got {kind!r}.")
         if not weight > 0:
             raise InputError(f"residuals must have positive weights, got {weight} for {kind!r}.")
     if not residuals:
-        raise InputError(f"residuals must name at least one of {', '.join(KINDS)}, got none.")
+        raise InputError(f"residuals must name at least one of {', '.join(known)}, got none.")
     return residuals
 
 
@@ -85,6 +95,7 @@ def pose_problem(
     ways = [(target_of(a, kinds), points_of(b, kinds, num_points))]
     if both_ways:
         ways.append((target_of(b, kinds), points_of(a, kinds, num_points)))
+    # Map b alone is moved, whatever points meet: its centroid decouples shifts and turns in both ways.
     centroid, radius = centre_of(b, num_points)
     return PoseProblem(terms_between(ways, kinds, loss), centroid, radius)
 
@@ -102,6 +113,7 @@ def _term(kind: str, target: Target, points: Points, is_inverse: bool, *, share:
     if kind == "distances":
         assert target.distances is not None
         return Distances(target.distances, sample, loss, is_inverse)
+    # Sides of a wall are told apart only if both maps know which side is free.
     is_signed = to_device(np.bool_(target.has_free_space and points.has_free_space))
     surface = target.surface._replace(is_signed=is_signed)
     return PointToPlane(surface, sample, np.asarray(SLIDE_WEIGHT, surface.points.dtype), loss, is_inverse)

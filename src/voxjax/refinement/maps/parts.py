@@ -87,11 +87,13 @@ def sample_of(view: MapView, num_points: int) -> Sample:
     prepared, dtype = view.prepared, view.anchors.dtype
     rows = sample_rows(prepared, num_points)
     weights = np.full(num_points, 1.0 / num_points, dtype)
+    # A normal of length 0 says that there is no plane: `meet` then asks for no angle.
     is_planar = (np.asarray(prepared.planarity)[rows] > MIN_PLANARITY).astype(dtype)[:, None]
     centroid = np.asarray(prepared.centroid).astype(dtype)
     if view.occupancy is None:
         normals = np.asarray(view.normals)[rows] * is_planar
         return Sample(np.asarray(view.anchors)[rows], normals, weights, centroid)
+    # Normals of points only decide what they match, which has no derivative.
     normals = jax.lax.stop_gradient(jnp.asarray(view.normals)[rows]) * is_planar
     return Sample(view.anchors[rows], normals, weights * view.occupancy[rows], centroid)
 
@@ -125,6 +127,7 @@ def _said_points(view: MapView, num_points: int) -> tuple[Sample, Float[Array, "
     rows = sample_rows(prepared, num_points - (count if len(free) else 0))
     index = grid.occupied_index()[rows]
     if len(free):
+        # Free space has no leverage to draw by; every so many of its voxels in the order of the grid are as good.
         chosen = free[(np.arange(count) * len(free)) // max(count, 1)]
         index = np.concatenate([index, np.stack(np.unravel_index(chosen, grid.shape), axis=-1)])
     points = grid.world_from_index(index).astype(dtype)

@@ -15,7 +15,7 @@ from ..._runtime.placement import to_device
 from ..._types import Array
 from ..residuals.losses import Loss
 from ..solve.joint import solve_joint
-from .coarse_to_fine import COARSE_POINTS, CoarseLevel, turned
+from .coarse_to_fine import CoarseLevel, turned
 from .joint import joint_problem
 from .joint_pairs import Pair
 from .many_starts import solve_starts, spread_solves
@@ -87,10 +87,12 @@ def lead_pose(
         return led
 
     def solve(level: CoarseLevel, poses: np.ndarray) -> tuple[np.ndarray, Array]:
-        problem = pose_problem(*level.maps, num_points=COARSE_POINTS, loss=loss, both_ways=both_ways)
+        # Planes alone lead, whatever residuals follow: occupancies, for one, need a good start.
+        problem = pose_problem(*level.maps, num_points=level.num_points, loss=loss, both_ways=both_ways)
         found = solve_starts(problem, poses, level.scales.astype(poses.dtype))
         return np.asarray(found.T_a_b), found.cost_after
 
+    # Several starts are hypotheses of their own and stay apart; turns would multiply them.
     is_single = led.ndim == 2
     poses, costs = _along(coarse, np.asarray(turned(led, centroid) if is_single else led), solve)
     return jnp.asarray(poses[np.argmin(costs)] if is_single else poses)
@@ -125,10 +127,11 @@ def lead_poses(
     def solve(level: CoarseLevel, ways: list[Array]) -> tuple[list[Array], list[float]]:
         by_number = dict(zip(numbers, level.maps, strict=True))
         maps = [by_number.get(number) for number in range(len(start))]
-        problem = joint_problem(maps, pairs, is_held, num_points=COARSE_POINTS, loss=loss)
+        problem = joint_problem(maps, pairs, is_held, num_points=level.num_points, loss=loss)
         found = spread_solves(partial(solve_joint, problem, scales=level.scales.astype(start.dtype)), ways)
         return [each.poses for each in found], [float(each.cost_after) for each in found]
 
+    # All maps turn alike: turning each for itself would take all combinations of turns.
     every_way = jnp.swapaxes(jax.vmap(turned)(start, centroids), 0, 1)
     ways, costs = _along(coarse, list(jnp.where(is_held[None, :, None, None], start[None], every_way)), solve)
     return ways[int(np.argmin(costs))]

@@ -75,6 +75,7 @@ class SoftMap(NamedTuple):
         length = self.neighbours.place.shape[0]
         probable = jax.nn.sigmoid(odds[tuple(index.T)])
         occupancy = jnp.zeros(length, dtype).at[: len(index)].set(probable)
+        # Normals by the states only give the planes their side; the planes themselves follow the log-odds.
         normals, planarity = (
             jnp.asarray(np.asarray(rows)[:length], dtype) for rows in (prepared.normals, prepared.planarity)
         )
@@ -97,11 +98,13 @@ def soft_map(grid: VoxelGrid) -> SoftMap:
         raise InputError(
             "states must be values, not traced: they decide which voxels are used; trace the log-odds only."
         )
+    # Without its log-odds, which may be traced, the map can be prepared on the host.
     whole = VoxelGrid(grid.states, grid.origin, grid.voxel_size)
     if not whole.num_occupied:
         raise InputError("grid must have at least one occupied voxel, got none; there is nothing to refine.")
     prepared = prepare_map(whole)
     cut = prepared.grid
+    # Preparing cut the map to what is known: log-odds of the whole grid have to be cut alike.
     low = np.rint((np.asarray(cut.origin) - np.asarray(whole.origin)) / whole.voxel_size).astype(int)
     x, y, z = (slice(int(a), int(a) + n) for a, n in zip(low, cut.shape, strict=True))
     return SoftMap(prepared, neighbourhood(cut.occupied_index(), cut.shape), (x, y, z))

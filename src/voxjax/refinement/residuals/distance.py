@@ -85,11 +85,14 @@ def plane_distances(
     """
     gap = [c - a for c, a in zip(centres.T, anchors[nearest].T, strict=True)]
     across = dot(gap, list(normals[nearest].T))
+    # Rounding may leave the square of the part along the plane a little below 0.
     squared, along_squared = dot(gap, gap), jnp.maximum(dot(gap, gap) - across * across, 0.0)
+    # The root has no finite slope at 0; this is far below any square of a length that counts.
     tiny = jnp.asarray(1e-12, across.dtype)
     beyond = jnp.maximum(jnp.sqrt(along_squared + tiny) - voxel_size, 0.0)
     signed = jnp.where(across < 0.0, -1.0, 1.0) * jnp.sqrt(across * across + beyond * beyond + tiny)
     # Beside the edge of a surface only: straight above it the distance is linear, also through zero.
     signed = jnp.where(beyond > 0.0, signed, across)
+    # Without a side, the distance from the anchor says nothing about which way is out, but has the right zero.
     distance = jnp.where(is_signed[nearest], signed, jnp.sqrt(squared + tiny))
     return jnp.clip(distance, -reach, reach)

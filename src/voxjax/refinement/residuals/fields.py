@@ -69,6 +69,7 @@ class Cells(NamedTuple):
 def cells_around(field: Field, points: Columns) -> Cells:
     """Look up the cells of points [m]; differentiable in the values, constant in the points."""
     block, outside = field.block, jnp.asarray(field.outside)
+    # Values belong to centres, which lie half a voxel from the corner that is the origin.
     place = [jnp.floor((points[i] - field.origin[i]) / field.voxel_size - 0.5) for i in range(3)]
     values = []
     for corner in CORNERS:

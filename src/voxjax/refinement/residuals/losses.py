@@ -25,7 +25,9 @@ def robust_factor(squared: Float[Array, "*n"], loss: Loss) -> Float[Array, "*n"]
     if loss == "squared":
         return jnp.ones_like(squared)
     if loss == "geman_mcclure":
+        # Squared times the offset squared, this is s / (1 + s): bounded by 1.
         return 1.0 / jnp.sqrt(1.0 + squared)
+    # Huber is quadratic up to 1; Cauchy's quotient below loses its digits near 0, where its series takes over.
     is_small = squared < (1.0 if loss == "huber" else 1e-4)
     squared_safe = jnp.where(is_small, jnp.ones_like(squared), squared)
     if loss == "huber":

@@ -63,5 +63,6 @@ def tangent_between(
     T: Float[Array, "4 4"], other: Float[Array, "4 4"], centroid: Float[Array, "3"]
 ) -> Float[Array, "6"]:
     """The motion about the image of `centroid` that leads from one pose to another; undoes `move_about`."""
+    # Shifts are those of the centroid's image, so that a turn alone has none.
     shift = other[:3, :3] @ centroid + other[:3, 3] - T[:3, :3] @ centroid - T[:3, 3]
     return jnp.concatenate([shift, rigid.log_so3(other[:3, :3] @ T[:3, :3].T)])

@@ -73,6 +73,7 @@ class Sample(NamedTuple):
         """Every `stride`-th point; together they weigh as much as all."""
         points, normals, weights = (rows[::stride] for rows in self[:3])
         least = jnp.finfo(weights.dtype).tiny
+        # Weights are scaled to the old sum, so that costs of thinned and whole problems compare.
         total, left = (jnp.sum(w, dtype=w.dtype) for w in (self.weights, weights))
         return Sample(points, normals, weights * (total / jnp.maximum(left, least)), self.centroid)
 
@@ -110,6 +111,7 @@ def meet(
     # Surfaces whose normals differ by more than 60 degrees do not match.
     min_cosine = 0.5
     places = [(points[i] - surface.origin[i]) / surface.voxel_size for i in range(3)]
+    # This always holds, which a compiler cannot know: see `materialized`.
     is_valid = surface.voxel_size > 0
     is_near, row = nearest_rows(surface.keys, lambda: surface.block.cells_at(places), is_valid)
     normal, anchor, planarity = materialized(
@@ -121,7 +123,9 @@ def meet(
         is_valid,
     )
     cosine = dot(normal, turn_columns(rotation, normals.T))
+    # Unless both maps know free space, a normal may point either way.
     cosine = jnp.where(surface.is_signed, cosine, jnp.abs(cosine))
+    # Where either has no plane, there is no angle to refuse a match by.
     has_normals = (planarity > MIN_PLANARITY) & jnp.any(normals != 0.0, axis=-1)
     is_match = is_near & ~(has_normals & (cosine < min_cosine))
     trust = surface.trust
@@ -210,10 +214,12 @@ class HeldPointToPlane(PointTerm):
         met = self.meeting
         gap = [p - q for p, q in zip(points, met.anchor, strict=True)]
         distance = dot(gap, met.normal)
+        # Where there is no plane there is no along either: all directions count in full, as point to point.
         along = self.slide * met.planarity + (1.0 - met.planarity)
         offset = [
             (n * distance + along * (g - n * distance)) / level.scale
             for g, n in zip(gap, met.normal, strict=True)
         ]
+        # A constant offset costs, so that losing matches never pays, but it pulls nowhere.
         far = (self.far / level.scale, 0.0, 0.0)
         return [jnp.where(met.is_match, o, f) for o, f in zip(offset, far, strict=True)]

@@ -102,6 +102,7 @@ class PointTerm(Term):
         if self.is_inverse:
             T = rigid.inverse(T_a_b)
             arm = [column - pivot[i] for i, column in enumerate(points.T)]
+            # Seen from b, a motion of b along axis j of frame a moves the points the other way, turned into frame b.
             return Placed(moved_columns(T, points), -T[:3, :3], arm)
         moved = moved_columns(T_a_b, points)
         shift = jnp.eye(3, dtype=T_a_b.dtype)

@@ -42,12 +42,15 @@ def pose_covariance(
     information, variance = plane_information(problem, T_a_b, scale)
     # Voxels round positions: a twelfth of a voxel squared, even where all offsets happen to vanish.
     variance = variance + voxel_size**2 / 12.0
+    # Turns count in metres at the map's radius, so that directions compare and one prior serves all.
     one = jnp.ones(3, T_a_b.dtype)
     units = jnp.concatenate([one, one / problem.radius])
     scaled = information * units[:, None] * units[None, :] * num_patches / variance
+    # Each direction is inverted for itself, with the prior, so that those that no surface fixes stay finite.
     values, vectors = jnp.linalg.eigh(scaled)
     spread = (vectors / (jnp.maximum(values, 0.0) + 1.0 / PRIOR**2)[None, :]) @ vectors.T
     spread = spread + (MAP_ACCURACY * voxel_size) ** 2 * jnp.eye(6, dtype=T_a_b.dtype)
+    # A direction slides if the maps know it worse than the last robust scale.
     is_degenerate = values[0] < 1.0 / scale**2
     return spread * units[:, None] * units[None, :], is_degenerate
 
@@ -90,5 +93,6 @@ def _plane_rows(
     met = meet(surface, points, sample.normals, T[:3, :3])
     gap = [p - q for p, q in zip(points, met.anchor, strict=True)]
     squared = dot(gap, gap) / (scale * scale)
+    # Whatever the loss was, weights are those that the loss of Geman and McClure leaves.
     weight = jnp.where(met.is_match, sample.weights * met.planarity / (1.0 + squared) ** 2, 0.0)
     return jnp.stack(met.normal, axis=-1), dot(gap, met.normal), weight

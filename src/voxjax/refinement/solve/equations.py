@@ -1,5 +1,6 @@
 """Normal equations: what a solver of few unknowns needs of many residuals."""
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -15,6 +16,7 @@ from ..residuals.losses import robust_slope
 from ..residuals.terms import Level, PointTerm, Term, dot, robust_rows
 
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+"""Entries of a symmetric 3 x 3 matrix that are kept."""
 
 
 class NormalEquations(NamedTuple):
@@ -52,6 +54,7 @@ class NormalEquations(NamedTuple):
 
 def dense_equations(residuals: Callable[[Array], Any], y: Float[Array, "k"]) -> NormalEquations:
     """Normal equations of residuals (a tree of arrays) by forward mode."""
+    # There are few unknowns and many residuals: a forward pass for each unknown is cheaper than a backward one for each residual.
     values, push = jax.linearize(residuals, y)
     columns = jax.vmap(push)(jnp.eye(y.size, dtype=y.dtype))
     cost, slope, matrix = jnp.zeros((), y.dtype), jnp.zeros_like(y), jnp.zeros((y.size, y.size), y.dtype)
@@ -121,17 +124,22 @@ def _of_points(
     squared = dot(offset, offset)
     slope = weights * robust_slope(squared, term.loss)
     ones = jnp.ones_like(squared)
+    # A: how the offsets change as map b is shifted along each axis of frame a.
     ways = [push([placed.shift[i, j] * ones for i in range(3)]) for j in range(3)]
+    # These are A^T r and the six entries of A^T A, weighted by what the loss leaves of each point.
     pull = [slope * dot(way, offset) for way in ways]
     gram = [slope * dot(ways[i], ways[j]) for i, j in _PAIRS]
+    # One product of matrices sums them all, with 1, the arms and the products of two arms.
     products = [ones, *placed.arm, *(placed.arm[i] * placed.arm[j] for i, j in _PAIRS)]
     sums = jnp.stack(gram + pull) @ jnp.stack(products).T
+    # The cost is the robust loss itself, not the weighted squares: the solver compares costs between steps.
     rows = robust_rows(offset, weights, term.loss)
     cost = 0.5 * jnp.sum(rows * rows, dtype=rows.dtype)
-    found = jnp.asarray(_FROM_SUMS, sums.dtype) @ sums.reshape(-1)
+    found = jnp.asarray(_sums_to_equations(), sums.dtype) @ sums.reshape(-1)
     return NormalEquations(cost, found[:6], found[6:].reshape(6, 6))
 
 
+@functools.cache
 def _sums_to_equations() -> np.ndarray:
     """Constants that turn the sums into slope and matrix: float64 (42, 90)."""
     entry = {pair: k for k, pair in enumerate(_PAIRS)} | {(j, i): k for k, (i, j) in enumerate(_PAIRS)}
@@ -140,6 +148,7 @@ def _sums_to_equations() -> np.ndarray:
         """Axes along which a point moves with an unknown, the part of its arm (None: 1), and the sign."""
         if unknown < 3:
             return [(unknown, None, 1.0)]
+        # A turn about axis k moves a point by e_k x arm: along c with the arm's b, along b against the arm's c.
         b, c = (unknown - 2) % 3, (unknown - 1) % 3
         return [(c, b, 1.0), (b, c, -1.0)]
 
@@ -150,11 +159,9 @@ def _sums_to_equations() -> np.ndarray:
     weights = np.zeros((42, 9, 10))
     for i in range(6):
         for axis, arm, sign in moves(i):
+            # Rows 0 to 5 are the slope, the others the matrix; columns are gram and pull (9) times products (10).
             weights[i, 6 + axis, product(arm, None)] += sign
             for j in range(6):
                 for other, brm, turn in moves(j):
                     weights[6 + 6 * i + j, entry[axis, other], product(arm, brm)] += sign * turn
     return weights.reshape(42, 90)
-
-
-_FROM_SUMS = _sums_to_equations()

@@ -36,6 +36,7 @@ def joint_covariance(
 
     def of_pair(pair: PoseProblem, T_a_b: Array, a: Array, b: Array) -> PairEquations:
         information, variance = plane_information(pair, T_a_b, scale)
+        # Both maps err, each by patches of its own.
         num_patches = 0.5 * (num_points[a] + num_points[b]) / PATCH_VOXELS
         # Voxels round positions, as in `pose_covariance`.
         known = information * (num_patches / (variance + voxel_size**2 / 12.0))
@@ -51,11 +52,13 @@ def joint_covariance(
     ]
     one = jnp.ones((num_maps, 3), dtype)
     units = jnp.concatenate([one, one / problem.radii[:, None]], axis=1)
+    # What is held is taken out of the system: its rows and columns have no information, and no share in others.
     is_free = jnp.repeat(~problem.is_fixed, 6)
     scaled = sum(parts[1:], start=parts[0]) * units.reshape(-1)[:, None] * units.reshape(-1)[None, :]
     scaled = jnp.where(is_free[:, None] & is_free[None, :], scaled, 0.0)
     values, vectors = jnp.linalg.eigh(scaled)
     spread = (vectors / (jnp.maximum(values, 0.0) + 1.0 / PRIOR**2)[None, :]) @ vectors.T
+    # The blocks on the diagonal are what is unknown of each map while the others are unknown too.
     each = jnp.arange(num_maps)
     own = spread.reshape(num_maps, 6, num_maps, 6)[each, :, each, :]
     own = own + (MAP_ACCURACY * voxel_size) ** 2 * jnp.eye(6, dtype=dtype)[None]

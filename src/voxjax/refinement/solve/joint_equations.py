@@ -55,6 +55,7 @@ class JointEquations(NamedTuple):
         """The matrix, maps one after the other."""
         num_maps = self.slope.shape[0]
         each = jnp.arange(num_maps)
+        # Blocks are added, not set: a problem made by hand may name a pair of maps twice.
         blocks = jnp.zeros((num_maps, num_maps, 6, 6), self.own.dtype).at[each, each].add(self.own)
         blocks = blocks.at[self.first, self.second].add(self.cross)
         blocks = blocks.at[self.second, self.first].add(jnp.swapaxes(self.cross, -1, -2))
@@ -100,6 +101,7 @@ def sparse_step(
     """
     slope = equations.slope
     struct = jax.eval_shape(lambda: slope)
+    # Maps' blocks differ by how many pairs they are in; their inverses make all maps alike.
     factors = jnp.linalg.cholesky(equations.own)
 
     def precondition(rest: Array) -> Array:
@@ -169,6 +171,7 @@ def spread_pairs(
         num_maps: Number of maps.
     """
     (cost, slope, matrix), *slopes = pairs
+    # By the chain rule, slopes of a pair's tangent take its gradient and matrix to the unknowns of its two maps.
     left_a, left_b = (jnp.swapaxes(each, -1, -2) for each in slopes)
     on_a, on_b = (_multiply(matrix, each) for each in slopes)
     total = jnp.zeros((num_maps, 6), slope.dtype)

@@ -42,6 +42,7 @@ class Edges(eqx.Module):
         """What `function(problem, T_a_b, a, b)` gives for each pair, stacked; a and b are numbers of maps."""
 
         def one(own: PoseProblem, found: PyTree, a: Array, b: Array) -> Any:
+            # `vmap` sees the arrays of each pair alone; tables in common come in from outside, without a copy for each.
             problem = eqx.combine(own, self.common)
             problem = problem if self.stride == 1 else problem.thinned(self.stride)
             problem = problem if found is None else problem.holding(found)
@@ -58,6 +59,7 @@ def edges_of(pairs: Sequence[tuple[int, int, PoseProblem]]) -> tuple[Edges, ...]
     """
     groups: dict[Any, list[tuple[int, int, PoseProblem]]] = {}
     for pair in pairs:
+        # Pairs whose trees and shapes agree can be stacked and evaluated by one kernel.
         struct = jax.tree.structure(pair[2])
         shapes = tuple((jnp.shape(leaf), jnp.asarray(leaf).dtype) for leaf in jax.tree.leaves(pair[2]))
         groups.setdefault((struct, shapes), []).append(pair)
@@ -67,6 +69,7 @@ def edges_of(pairs: Sequence[tuple[int, int, PoseProblem]]) -> tuple[Edges, ...]
 def _stacked(pairs: Sequence[tuple[int, int, PoseProblem]]) -> Edges:
     first, second, problems = zip(*pairs, strict=True)
     leaves = [jax.tree.leaves(problem) for problem in problems]
+    # Objects are compared, not values: tables are long, and what is traced has no values.
     is_common = [all(leaf is column[0] for leaf in column) for column in zip(*leaves, strict=True)]
     own = [
         None if common else jnp.stack(column)

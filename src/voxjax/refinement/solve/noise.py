@@ -13,9 +13,6 @@ from ..residuals.terms import Columns, Level, PointTerm, robust_rows
 from .equations import move_about
 from .problem import PoseProblem, sum_of_squares
 
-NUM_PATCHES = 512
-"""Patches that are told apart; more share errors by chance, which overstates the covariance a little."""
-
 
 @jax.jit
 def implicit_covariance(
@@ -62,7 +59,11 @@ def implicit_covariance(
         return 0.5 * sum_of_squares(rows)
 
     still = jnp.zeros(6, dtype)
-    quiet = (jnp.zeros((NUM_PATCHES, 3), dtype), jnp.zeros((NUM_PATCHES, 3), dtype))
+    # Patches that are told apart, a power of two. Where there are more, some share errors by chance, which overstates
+    # the covariance a little.
+    num_patches = 512
+    quiet = (jnp.zeros((num_patches, 3), dtype), jnp.zeros((num_patches, 3), dtype))
+    # These are H, and dg/de for the errors of both maps: the covariance is H^-1 (sum of dg/de dg/de^T) H^-1.
     curvature = jax.hessian(cost)(still, quiet)
     pulls = jax.jacrev(jax.grad(cost), argnums=1)(still, quiet)
     spread = sum((jnp.einsum("ipc,jpc->ij", pull, pull) for pull in pulls), start=jnp.zeros((6, 6), dtype))
@@ -98,17 +99,17 @@ def _shaken(
     rotation = T_a_b[:3, :3]
     own, other = (errors[0], errors[1]) if term.is_inverse else (errors[1], errors[0])
     turn = rotation.T if term.is_inverse else rotation
-    mine = own[_patches(list(term.points().T), patch)] @ turn.T
-    theirs = other[_patches(placed.points, patch)]
+    mine = own[_patches(list(term.points().T), patch, len(own))] @ turn.T
+    theirs = other[_patches(placed.points, patch, len(other))]
     points = [column + mine[:, i] - theirs[:, i] for i, column in enumerate(placed.points)]
     return robust_rows(term.offsets(points, level), term.weights(), term.loss)
 
 
-def _patches(points: Columns, patch: Array) -> Int32[Array, "n"]:
-    """Number of the cube of space that each point lies in."""
+def _patches(points: Columns, patch: Array, num_patches: int) -> Int32[Array, "n"]:
+    """Number of the cube of space that each point lies in, folded into so many, which must be a power of two."""
     primes = (73856093, 19349663, 83492791)  # so that neighbours along an axis do not share a number
     mixed = jnp.zeros(points[0].shape, jnp.int32)
     for column, prime in zip(points, primes, strict=True):
         cube = jnp.floor(jax.lax.stop_gradient(column) / patch).astype(jnp.int32)
         mixed = mixed ^ (cube * np.int32(prime))
-    return mixed & (NUM_PATCHES - 1)
+    return mixed & (num_patches - 1)

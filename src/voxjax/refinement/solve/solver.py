@@ -145,17 +145,20 @@ class AnnealedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     ) -> tuple[Array, _State, None]:
         """Evaluate the candidate, keep it if it is better, and find the next one."""
         del fn, options, tags
+        # The candidate is evaluated: cost, slope and matrix in one pass over the residuals.
         level, is_held, least, rough = (
             self._of_stages(name, state.stage) for name in ("level", "is_held", "least", "rough")
         )
         before = state.equations.cost
         found = self.equations(state.candidate, state.met, args, level)
+        # The first evaluation of a stage is fresh: no step can be compared with what was known before.
         is_better, is_fresh = found.cost < before, jnp.isinf(before)
         y = jnp.where(is_better, state.candidate, y)
         best = jax.tree.map(lambda new, old: jnp.where(is_better, new, old), found, state.equations)
         stretch = jnp.where(is_better & ~is_fresh, self._stretch(state, before - found.cost), 1.0)
         # A stretched step that failed is tried again as it was.
         is_too_long = ~is_better & (state.stretch <= 1.0)
+        # Levenberg-Marquardt: less damping after a step that lowered the cost, more after one that did not.
         damping = state.damping * jnp.where(is_better & ~is_fresh, self.less, 1.0)
         damping = jnp.where(is_too_long, jnp.maximum(state.damping * self.more, self.least_more), damping)
 
@@ -163,7 +166,9 @@ class AnnealedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         fall = best.fall(move)
         # A small step that failed met other matches than it was made for.
         least = jnp.where(is_better, least, jnp.maximum(least, rough)).astype(y.dtype)
+        # A step that failed and promised little failed by rounding: more damping would not help it.
         promise = jnp.where(is_better, self.rtol, self.rounding * self.rtol) * best.cost
+        # A stage is over with a step that is too small, a promise that rounding would hide, or no evaluations left.
         has_converged = (self.norm(move) < least) | (fall <= promise)
         is_over = has_converged | (state.steps_left <= 1)
         is_last = state.stage == len(self.stages) - 1
@@ -220,6 +225,7 @@ class AnnealedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
 
     def _of_stages(self, name: str, number: Int32[Array, ""]) -> Array:
         """An attribute of the stage of a number that is known at run time only."""
+        # The look-up is part of the kernel, so that one loop is compiled for all stages.
         entry = jnp.asarray([getattr(stage, name) for stage in self.stages])[number]
         return entry.astype(jnp.int32) if jnp.issubdtype(entry.dtype, jnp.integer) else entry
 
@@ -227,6 +233,7 @@ class AnnealedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         self, candidate: Array, args: Any, state: _State, is_held: Bool[Array, ""]
     ) -> tuple[Array, Any]:
         """Where the residuals of the candidate look things up, and what they find."""
+        # Without a stage that holds, there is no branch: `cond` under `vmap` would compute both sides.
         if not any(stage.is_held for stage in self.stages):
             return candidate, self.lookup(candidate, args)
         return jax.lax.cond(
@@ -238,6 +245,7 @@ class AnnealedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     def _stretch(self, state: _State, fallen: Float[Array, ""]) -> Float[Array, ""]:
         """The length that would have been best for the last step, from what it brought."""
         promised = 2.0 * jnp.maximum(state.fall, jnp.finfo(fallen.dtype).tiny)
+        # A parabola through the cost before, its slope and the cost after the step: its lowest point is at 1 / bend.
         bend = 2.0 * (state.stretch - fallen / promised) / state.stretch**2
         return jnp.where(
             bend > 1.0 / self.max_stretch,
