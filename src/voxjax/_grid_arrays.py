@@ -47,6 +47,7 @@ def as_float32(name: str, value: object) -> Array:
 def _as_array(name: str, value: object) -> Array:
     """Arrays of JAX as they are, all else as a NumPy array."""
     if isinstance(value, jax.Array) or _is_placeholder(value):
+        # An array on a device stays there: fetching a large map to look at its dtype would cost a copy.
         return value  # pyright: ignore[reportReturnType]
     try:
         return np.asarray(value)
@@ -64,6 +65,7 @@ def _host_parts(array: Array) -> Iterator[np.ndarray]:
     if isinstance(array, np.ndarray):
         yield array
     elif not isinstance(array, Tracer) and not _is_placeholder(array):
+        # Replicas hold the same values: one of each part is enough.
         yield from (np.asarray(shard.data) for shard in array.addressable_shards if shard.replica_id == 0)
 
 
@@ -74,6 +76,7 @@ def check_states(states: Array) -> None:
         InputError: If one is neither 0, 1 nor 2.
     """
     for part in _host_parts(states):
+        # States are uint8, which has nothing below 0.
         if part.size and part.max() > OCCUPIED:
             raise InputError(f"states must be 0 unknown, 1 free or 2 occupied, got {part.max()}.")
 
@@ -104,6 +107,7 @@ def check_log_odds(log_odds: Array) -> None:
     for part in _host_parts(log_odds):
         with np.errstate(over="ignore", invalid="ignore"):
             is_finite = np.isfinite(part.sum())  # one pass without a mask as large as the map
+        # A sum of finite values may overflow, so that only a second look at each of them is a proof.
         if not is_finite and not np.isfinite(part).all():
             raise InputError(
                 "log_odds must be finite, got NaN or infinite ones; set those of unknown voxels to 0 and cut the "

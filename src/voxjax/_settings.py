@@ -52,6 +52,8 @@ class Settings:
         """
         for field in dataclasses.fields(self):
             checked = check_setting(self.table, field, getattr(self, field.name))
+            # A frozen field can be set in this way only; it keeps the value as the type of its setting, also where a
+            # whole number or one of NumPy was given.
             object.__setattr__(self, field.name, checked)
 
 
@@ -68,6 +70,7 @@ def check_setting(table: str, field: dataclasses.Field, value: Any) -> Any:
     """
     expected = type(field.default)
     kinds = {bool: bool, int: numbers.Integral, float: numbers.Real}
+    # Python counts True as the number 1; a switch given for a number, or a number for a switch, is a mistake.
     if not isinstance(value, kinds[expected]) or isinstance(value, bool) != (expected is bool):
         rule = f"be of type {expected.__name__}"
     elif expected is bool or _is_inside(field.metadata, value):

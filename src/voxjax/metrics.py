@@ -28,6 +28,7 @@ def pose_error(T: Float[Array, "4 4"], truth: Float[Array, "4 4"], point: Float[
         truth: True pose.
         point: A point in the frame that both poses map from [m].
     """
+    # In float32, products of entries near 1 would hide the angles of well refined poses.
     T, truth, point = (np.asarray(x, np.float64) for x in (T, truth, point))
     relative = T[:3, :3].T @ truth[:3, :3]
     # atan2 of sine and cosine: arccos loses small angles.
@@ -35,5 +36,6 @@ def pose_error(T: Float[Array, "4 4"], truth: Float[Array, "4 4"], point: Float[
         [relative[2, 1] - relative[1, 2], relative[0, 2] - relative[2, 0], relative[1, 0] - relative[0, 1]]
     )
     degrees = np.degrees(np.arctan2(sine / 2, (np.trace(relative) - 1) / 2))
+    # Differences come first: images of a point far from the origin are large, and their difference is small.
     gap = (T[:3, :3] - truth[:3, :3]) @ point + T[:3, 3] - truth[:3, 3]
     return PoseError(float(degrees), float(np.linalg.norm(gap)))

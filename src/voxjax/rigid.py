@@ -39,6 +39,8 @@ def _series_coefficients(angle_sq: Array) -> tuple[Array, Array, Array]:
     bound, num_terms = (1.0, 10) if angle_sq.dtype == jnp.float64 else (1e-2, 3)
     is_small = angle_sq < bound
     angle_sq_safe = jnp.where(is_small, jnp.ones_like(angle_sq), angle_sq)
+    # Both branches of a `where` are computed and differentiated; in the one that is not taken, a division by zero would
+    # turn the derivative of the other into NaN. Hence the safe denominators, here and below.
     t = jnp.sqrt(angle_sq_safe)
     quotients = jnp.sin(t) / t, (1.0 - jnp.cos(t)) / angle_sq_safe, (t - jnp.sin(t)) / (angle_sq_safe * t)
     a, b, c = (
@@ -54,6 +56,7 @@ def _inverse_jacobian_coefficient(angle_sq: Array, a: Array, b: Array) -> Array:
     """Return (1 - t / 2 / tan(t / 2)) / t^2 of an angle up to pi, from its first two series coefficients."""
     is_small = angle_sq < 1.0
     angle_sq_safe = jnp.where(is_small, jnp.ones_like(angle_sq), angle_sq)
+    # The quotient is (b - a / 2) / (t^2 b). Written so, it is finite up to a half-turn, where tan(t / 2) is not.
     series = _taylor(angle_sq, [k / math.factorial(2 * k + 2) for k in range(1, 10)])
     return jnp.where(is_small, series, (b - 0.5 * a) / angle_sq_safe) / b
 
@@ -108,9 +111,11 @@ def log_so3(rotation: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3"]:
         ],
         axis=-2,
     )
+    # All four are made and one is taken, so that a batch needs no branches.
     best = jnp.argmax(squares, axis=-1)
     q = jnp.take_along_axis(candidates, best[..., None, None], axis=-2)[..., 0, :]
     q = q / jnp.linalg.norm(q, axis=-1, keepdims=True)
+    # q and -q are the same rotation; the one with w >= 0 has its angle in [0, pi].
     q = jnp.where(q[..., :1] < 0.0, -q, q)
     w, v = q[..., 0], q[..., 1:]
     return v * _angle_over_sine(jnp.sum(v * v, axis=-1), w)[..., None]
@@ -157,6 +162,7 @@ def inverse(T: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 4 4"]:
     if isinstance(T, np.ndarray):
         inverse = np.zeros_like(T)
         inverse[..., :3, :3] = np.swapaxes(T[..., :3, :3], -1, -2)
+        # The bottom row is written, not inverted: it stays exact however many poses are chained.
         inverse[..., :3, 3] = -np.einsum("...ij,...j->...i", inverse[..., :3, :3], T[..., :3, 3])
         inverse[..., 3, 3] = 1.0
         return inverse
@@ -188,6 +194,7 @@ def adjoint(T: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 6 6"]:
     A covariance of left tangents, `exp(x) @ pose`, moves to another frame or centre as `A @ covariance @ A.T`.
     """
     rotation = T[..., :3, :3]
+    # Translation comes first in tangents, so that the coupling with rotation is in the upper right block.
     top = jnp.concatenate([rotation, _matmul(hat(T[..., :3, 3]), rotation)], axis=-1)
     return jnp.concatenate([top, jnp.concatenate([jnp.zeros_like(rotation), rotation], axis=-1)], axis=-2)
 
@@ -195,4 +202,5 @@ def adjoint(T: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 6 6"]:
 def apply(T: Float[Array, "4 4"], points: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
     """Points [m] moved by the pose: `p_a = T_a_b @ p_b`."""
     moved = _matmul(points, jnp.swapaxes(T[:3, :3], 0, 1))
+    # Everything runs under rank_promotion='raise', so that broadcasts are written out.
     return moved + jnp.broadcast_to(T[:3, 3], moved.shape)

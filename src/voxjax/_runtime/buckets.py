@@ -7,6 +7,7 @@ def bucket_size(count: int, smallest: int = 64) -> int:
     """Return the smallest rung >= `count` of the ladder s, 1.5 s, 2 s, 3 s, 4 s, 6 s, ..."""
     rung = smallest
     while rung < count:
+        # There are two rungs for each doubling: padding is at most a third of what is computed.
         if rung * 3 // 2 >= count:
             return rung * 3 // 2
         rung *= 2

@@ -9,9 +9,6 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
-_KNOWN = ("builtins", "jax.", "jaxlib.", "numpy", "voxjax.")
-"""Modules of types whose code belongs to the key of a program."""
-
 
 class Call(NamedTuple):
     """A call of a kept function, taken apart.
@@ -51,6 +48,7 @@ class Call(NamedTuple):
         parts = []
         for leaf, is_array in zip(self.leaves, self.is_array, strict=True):
             if isinstance(leaf, (bool, int, float, str)):
+                # The type belongs to it: 1, 1.0 and True are equal, but make different programs.
                 parts.append((type(leaf), leaf))
             elif is_array and _is_plain(leaf):
                 parts.append((leaf.shape, leaf.dtype))
@@ -70,6 +68,7 @@ class Call(NamedTuple):
                 f"{leaf.dtype}{leaf.shape}" if is_array else repr(leaf)
                 for leaf, is_array in zip(self.leaves, self.is_array, strict=True)
             ),
+            # Packages and files of voxjax are in the name of the file, see `program_files.version_digest`.
             str(jax_options()),
         ]
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
@@ -83,8 +82,10 @@ def jax_options() -> tuple[bool, Any]:
 
 def _is_plain(array: Any) -> bool:
     """Whether an array is a value on one CPU device, of a dtype that stays as it is."""
+    # A program takes values: what is traced has none, and JAX would make float32 of float64.
     if isinstance(array, Tracer) or jax.dtypes.canonicalize_dtype(array.dtype) != array.dtype:
         return False
+    # Weak types and other devices make other programs than shape and dtype say.
     return not isinstance(array, jax.Array) or (
         not array.weak_type and array.sharding.device_set == _default_device()
     )
@@ -97,7 +98,8 @@ def _default_device() -> set[Any]:
 
 def _is_known(structure: Any) -> bool:
     """Whether all types of a structure have code that `version_digest` tells apart."""
+    known = ("builtins", "jax.", "jaxlib.", "numpy", "voxjax.")
     data = structure.node_data()
-    if data is not None and not f"{data[0].__module__}.".startswith(_KNOWN):
+    if data is not None and not f"{data[0].__module__}.".startswith(known):
         return False
     return all(_is_known(child) for child in structure.children())

@@ -75,6 +75,7 @@ def use_compilation_cache(folder: str | os.PathLike | None = None) -> Path:
     try:
         for part in (path, path / PROGRAMS):
             private_folder(part)
+        # Only writing shows that a disk is full or read-only.
         with tempfile.TemporaryFile(dir=path):
             pass
     except OSError as error:

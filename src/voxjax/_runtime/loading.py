@@ -37,6 +37,8 @@ class Loader:
     def once(self, path: Path, load: Callable[[], Program | None]) -> Program | None:
         """What `load` gives, run by whoever asks first for a path; others wait for it."""
         with self._lock:
+            # The lock is held while a future is looked up, not while its program is loaded: other programs go on
+            # meanwhile.
             future, is_first = self._loads.get(path), path not in self._loads
             if future is None:
                 future = self._loads[path] = Future()

@@ -9,9 +9,6 @@ from .._checks import InputError
 
 GIGABYTE = 1e9
 
-_OWN_GROUP = ("memory.max", "memory.current", "inactive_file")
-_OWN_GROUP_V1 = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
-
 
 def available_memory(root: Path = Path("/")) -> int | None:
     """Memory that this process may still take [byte]; None where the system does not say.
@@ -61,6 +58,7 @@ def memory_limit(*, on_device: bool = True) -> float | None:
     chosen = chosen_memory()
     if chosen is not None:
         return None if math.isinf(chosen) else chosen
+    # Results come back to the host, so that its memory bounds work on an accelerator too.
     known = (available_memory(), device_memory() if on_device else None)
     bounds = [bound for bound in known if bound is not None]
     return float(min(bounds)) if bounds else None
@@ -101,6 +99,7 @@ def _gigabytes(setting: str) -> float:
 
 def _machine_memory(root: Path) -> int | None:
     kilobytes = _numbers(root / "proc/meminfo")
+    # MemAvailable counts caches that the system gives up; free pages alone would say far too little.
     if "MemAvailable:" in kilobytes:
         return 1024 * (kilobytes["MemAvailable:"] + kilobytes.get("SwapFree:", 0))
     for name in ("SC_AVPHYS_PAGES", "SC_PHYS_PAGES"):
@@ -111,6 +110,10 @@ def _machine_memory(root: Path) -> int | None:
 
 def _group_memory(root: Path) -> Iterator[int]:
     """What the control groups of this process leave: its own and all above, which bound it too."""
+    # Names of the limit, of what is used, and of what of that can be given up: version 2 of control groups, and version
+    # 1, which older systems have.
+    names = ("memory.max", "memory.current", "inactive_file")
+    old_names = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
     try:
         lines = (root / "proc/self/cgroup").read_text().splitlines()
     except OSError:
@@ -118,9 +121,9 @@ def _group_memory(root: Path) -> Iterator[int]:
     for line in lines:
         _, controllers, path = line.split(":", 2)
         if controllers == "":
-            yield from _limits(root / "sys/fs/cgroup", path, *_OWN_GROUP)
+            yield from _limits(root / "sys/fs/cgroup", path, *names)
         elif "memory" in controllers.split(","):
-            yield from _limits(root / "sys/fs/cgroup/memory", path, *_OWN_GROUP_V1)
+            yield from _limits(root / "sys/fs/cgroup/memory", path, *old_names)
 
 
 def _limits(mount: Path, path: str, limit: str, usage: str, reclaimable: str) -> Iterator[int]:

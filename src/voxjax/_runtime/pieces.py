@@ -68,6 +68,7 @@ def each_piece(
             rows if len(rows) == size else pad_rows(rows, size, fill)
             for rows, fill in zip(some, fills, strict=True)
         ]
+        # The number of rows is an array, not a Python number: it may differ from call to call without a new kernel.
         return function(*padded, np.int32(len(some[0])))
 
     return run(call, range(0, max(len(lists[0]), 1), step))

@@ -25,6 +25,7 @@ def private_folder(path: Path) -> Path:
         InputError: If the folder, or a link of its name, belongs to someone else or can be written by others.
         OSError: If it cannot be made or is no folder.
     """
+    # Folders are made one by one: `mkdir(parents=True)` would make the folders above with the default mode.
     missing = [folder for folder in (path, *path.parents) if not os.path.lexists(folder)]
     for folder in reversed(missing):
         folder.mkdir(mode=0o700, exist_ok=True)

@@ -15,9 +15,6 @@ from .whole_files import write_file
 _NAME, _ENDING = 32, ".program"
 """Parts of a file's name: the length of each of the two digests in it, and what comes after them."""
 
-_TRACED_BY = ("voxjax", "jax", "jaxlib", "numpy", "equinox", "lineax", "optimistix")
-_DIGEST = hashlib.sha256().digest_size
-
 
 class KeptProgramWarning(UserWarning):
     """A kept program or kernel that cannot be used or written; it is made again."""
@@ -26,7 +23,8 @@ class KeptProgramWarning(UserWarning):
 @functools.cache
 def version_digest() -> str:
     """What traces programs: versions of packages, and sizes and times of this package's files, which are edited."""
-    found = [f"{name} {importlib.metadata.version(name)}" for name in _TRACED_BY]
+    traced_by = ("voxjax", "jax", "jaxlib", "numpy", "equinox", "lineax", "optimistix")
+    found = [f"{name} {importlib.metadata.version(name)}" for name in traced_by]
     root = Path(__file__).parents[1]
     for path in sorted(root.rglob("*.py")):
         status = path.stat()
@@ -63,8 +61,9 @@ def read_whole(path: Path) -> bytes | None:
     except (OSError, NotPrivateError) as error:
         warnings.warn(f"a kept program is not used: {error}.", KeptProgramWarning, stacklevel=2)
         return None
-    is_whole = hashlib.sha256(content[_DIGEST:]).digest() == content[:_DIGEST]
-    return content[_DIGEST:] if is_whole else None
+    size = hashlib.sha256().digest_size  # the digest of the rest comes first, see `write_whole`
+    is_whole = hashlib.sha256(content[size:]).digest() == content[:size]
+    return content[size:] if is_whole else None
 
 
 def mark_as_used(path: Path) -> None:

@@ -55,6 +55,7 @@ def kept_program(function: Callable[P, R]) -> Callable[P, R]:
     @functools.wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
         refuse_after_fork()
+        # One reading of the global serves the whole call: another thread may set it meanwhile.
         loader = _loader
         if loader is None or backend() != "cpu":
             return function(*args, **kwargs)

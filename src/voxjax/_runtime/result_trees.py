@@ -9,8 +9,6 @@ from typing import Any
 
 import jax
 
-_ARRAY = "array"
-
 
 def plain_structure(structure: Any) -> Any:
     """The structure of a tree of arrays as lists and names that JSON knows.
@@ -38,7 +36,7 @@ def _plain(tree: Any) -> Any:
     if tree is None:
         return None
     if kind is int:  # leaves are numbered
-        return _ARRAY
+        return "array"
     if kind in (tuple, list):
         return [kind.__name__, *map(_plain, tree)]
     if kind is dict and all(isinstance(name, str) for name in tree):

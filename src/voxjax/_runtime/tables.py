@@ -20,16 +20,6 @@ MAX_CELLS = (1 << 31) - 64
 MAX_ROWS = (1 << 26) - 64
 """Longest table of a list: keys of the nearest voxel keep 26 bits for its row."""
 
-_SMALLEST = 1 << 25
-"""Cells of the smallest table of a volume."""
-_CELLS_A_ROW = 64
-"""Cells of a volume for each row of a list that belongs to it: maps have fewer occupied voxels than that, as a rule, so
-that one level serves both."""
-
-
-_HUGE = 1 << 22
-"""Tables of fewer bytes have small pages: a huge one may be larger than what is in them."""
-
 
 def check_cells(num_cells: int | float, num_rows: int | float, what: str, advice: str) -> None:
     """Raise if a volume, or the list of voxels in it, has more entries than kernels can count.
@@ -64,14 +54,15 @@ def table_lengths(num_cells: int, num_rows: int) -> tuple[int, int]:
     check_cells(num_cells, num_rows, "a map", "take a larger voxel size, or crop the map")
     if not on_host():
         return min(bucket_size(num_cells, 1 << 20), MAX_CELLS), min(bucket_size(num_rows, 1 << 14), MAX_ROWS)
-    cells = max(
-        table_length(num_cells), table_length(_CELLS_A_ROW * min(num_rows, MAX_CELLS // _CELLS_A_ROW))
-    )
-    rows = cells // _CELLS_A_ROW
+    # Lists are tied to volumes, so that there are as few pairs of lengths as lengths. As a rule fewer than one cell
+    # in so many is occupied; for other maps the largest tables serve, which take no more memory than is written.
+    cells_a_row = 64
+    cells = max(table_length(num_cells), table_length(cells_a_row * min(num_rows, MAX_CELLS // cells_a_row)))
+    rows = cells // cells_a_row
     return (cells, rows) if num_rows <= rows else (MAX_CELLS, MAX_ROWS)
 
 
-def table_length(num_cells: int, smallest: int = _SMALLEST) -> int:
+def table_length(num_cells: int, smallest: int = 1 << 25) -> int:
     """The first rung s, 8 s, 16 s, 32 s, ... with s `smallest` that holds so many cells, at most `MAX_CELLS`.
 
     The first step is wide, so that nearly all maps share two lengths; above it, each doubling reserves gigabytes of
@@ -97,11 +88,13 @@ def reserve(length: int, *row: int, dtype: np.typing.DTypeLike) -> np.ndarray:
 
 def _pages(num_bytes: int) -> mmap.mmap:
     """Memory of the operating system; in huge pages where there are any, which spares most of the page faults."""
+    # Fewer bytes have small pages: a huge one may be larger than what is in them.
+    least_huge = 1 << 22
     if not hasattr(mmap, "MAP_PRIVATE"):
         return mmap.mmap(-1, num_bytes)
     # Private: memory that processes could share gets no huge pages.
     pages = mmap.mmap(-1, num_bytes, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
-    if num_bytes >= _HUGE and hasattr(mmap, "MADV_HUGEPAGE"):
+    if num_bytes >= least_huge and hasattr(mmap, "MADV_HUGEPAGE"):
         with contextlib.suppress(OSError):  # a kernel without huge pages: the small ones serve as well
             pages.madvise(mmap.MADV_HUGEPAGE)
     return pages
