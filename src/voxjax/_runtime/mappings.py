@@ -27,5 +27,6 @@ def release_kernels_if_crowded(*, max_share: float = 0.6) -> bool:
     mappings = mappings_in_use()
     if mappings is None or mappings[0] < max_share * mappings[1]:
         return False
+    # Mappings belong to kernels: they go once nobody can call a kernel any more.
     jax.clear_caches()
     return True

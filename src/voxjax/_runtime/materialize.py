@@ -33,4 +33,5 @@ def materialized(
         del operands
         return jax.tree.map(lambda result: jnp.zeros(result.shape, result.dtype), shapes)
 
+    # The other branch has to give the same shapes; it never runs.
     return jax.lax.cond(is_valid, compute, nothing, *operands)

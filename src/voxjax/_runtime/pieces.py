@@ -99,6 +99,7 @@ def over_pieces(
     """
 
     def cut(*piece: Any) -> Any:
+        # A piece is fetched in its own thread, so that waiting for it holds up no other.
         return jax.tree.map(lambda rows: np.asarray(rows)[: piece[-1]], kernel(*piece))
 
     parts = each_piece(cut, lists, size=size, step=step, fills=fills, run=run)
@@ -159,6 +160,7 @@ def sum_over_pieces(
     padded = each_piece(lambda *piece: piece, lists, size=size, run=one_by_one)
     found = spread(sums_of, product(padded, groups))
     sums = [np.concatenate(found[k : k + len(groups)]) for k in range(0, len(found), len(groups))]
+    # The order of the pieces is fixed, so that the number of cores changes no bit.
     return np.stack(sums).sum(axis=0, dtype=np.float64)
 
 

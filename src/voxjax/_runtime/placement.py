@@ -21,6 +21,7 @@ def on_host(*arrays: object) -> bool:
     A CPU reads the host's memory, so NumPy may share the work and pieces may run side by side on all cores; under a
     transformation of JAX, and on accelerators, an operation has to be one kernel.
     """
+    # Traced arrays are looked for in trees, because arguments are often named tuples of arrays.
     return backend() == "cpu" and not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arrays))
 
 

@@ -86,6 +86,7 @@ def traced(function: Callable[..., Any], call: Call) -> bytes | None:
         leaves, structure = jax.tree.flatten(function(*args, **kwargs))
         return leaves
 
+    # Programs are exported for flat arrays: their form knows nothing of classes of voxjax.
     shapes = [jax.ShapeDtypeStruct(array.shape, array.dtype) for array in call.arrays]
     program = jax.export.export(jax.jit(flat))(*shapes).serialize()
     try:

@@ -126,6 +126,7 @@ def _beside_start(found: RefinedPose, problem: PoseProblem, start: Array, scales
 
 def _each(function: Callable[[Array], tuple[Array, ...]], poses: Array) -> tuple[Array, ...]:
     """A function of a pose, of one or of each of several."""
+    # Starts are computed on all cores instead of under `vmap`, as in `solve_starts`.
     if poses.ndim == 2:
         return function(poses)
     return tuple(np.stack(column) for column in zip(*spread(function, list(poses)), strict=True))

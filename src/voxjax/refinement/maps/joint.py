@@ -48,6 +48,7 @@ class JointMaps(NamedTuple):
         """Residuals of kinds that the maps were made for, and terms of single pairs; see `joint_problem`."""
 
         def of_pair(a: int, b: int) -> PoseProblem:
+            # Pairs count both ways, because neither map is the truth: errors of the planes of both average out.
             ways = [(self.targets[a], self.points[b]), (self.targets[b], self.points[a])]
             between = terms_between(ways, residuals, loss)
             return PoseProblem((*between, *terms.get((a, b), ())), self.centroids[b], self.radii[b])
@@ -82,6 +83,7 @@ def joint_maps(
     targets = in_common_tables(
         [target_of(view, kinds) for view in views.values()], [view.prepared for view in views.values()]
     )
+    # Views of log-odds have their dtype, which all share: float64 where gradients are checked.
     dtype = next(iter(views.values())).anchors.dtype
     centroids, radii = np.zeros((len(maps), 3), dtype), np.ones(len(maps), dtype)
     for number, view in views.items():

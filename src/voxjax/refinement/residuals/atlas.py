@@ -21,6 +21,8 @@ class AtlasBlock(Block):
 
     def cells_at(self, places: list[Array]) -> tuple[Array, Array]:
         """See `Block`; cells are numbered over all maps."""
+        # Whether a place is inside is asked of the map's own block, before its cells are moved on: neighbours in the
+        # table are other maps.
         cell, is_inside = super().cells_at(places)
         return cell + self.dims[3], is_inside
 

@@ -29,6 +29,7 @@ class FieldTerm(Term):
 
     def rows(self, T_a_b: Float[Array, "4 4"], level: Level) -> Float[Array, "1 n"]:
         """See `Term`."""
+        # Which cells points lie in jumps with the pose; inside of them, values change smoothly.
         return self.holding(self.met(jax.lax.stop_gradient(T_a_b))).rows(T_a_b, level)
 
     def met(self, T_a_b: Float[Array, "4 4"]) -> Cells:

@@ -75,4 +75,5 @@ class HeldOccupancies(HeldFieldTerm):
     def offsets(self, points: Columns, level: Level) -> Columns:
         """See `PointTerm`."""
         del level
+        # Opinions have no length: the robust scale of the level does not apply to them.
         return [self.cells.at(points) - self.said]

@@ -36,6 +36,7 @@ class CornerPairs(PointTerm):
 
     def offsets(self, points: Columns, level: Level) -> Columns:
         """See `PointTerm`."""
+        # Partners are known: nothing is looked up, and the offset counts in full in every direction.
         return [(p - q) / level.scale for p, q in zip(points, self.of_a.T, strict=True)]
 
 
@@ -56,6 +57,7 @@ class Prior(Term):
     def rows(self, T_a_b: Float[Array, "4 4"], level: Level) -> Float[Array, "6 1"]:
         """See `Term`."""
         del level
+        # A belief has its own scale, whatever level the others are at.
         return (self.root_information @ tangent_between(self.T_a_b, T_a_b, self.centroid))[:, None]
 
 

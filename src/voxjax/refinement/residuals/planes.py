@@ -155,6 +155,7 @@ class PointToPlane(Term):
 
     def rows(self, T_a_b: Float[Array, "4 4"], level: Level) -> Float[Array, "3 n"]:
         """See `Term`."""
+        # Which voxel is the nearest jumps with the pose: the derivative is that with matches held.
         return self.holding(self.met(jax.lax.stop_gradient(T_a_b))).rows(T_a_b, level)
 
     def met(self, T_a_b: Float[Array, "4 4"]) -> Meeting:

@@ -133,6 +133,7 @@ def robust_rows(offset: Columns, weights: Float[Array, "n"], loss: Loss) -> Floa
         weights: Weights of the points, at least 0.
         loss: What a large offset costs.
     """
+    # All offsets of a point share one factor: the loss is that of its distance, not of each coordinate.
     squared = dot(offset, offset)
     return jnp.stack(list(offset)) * (robust_factor(squared, loss) * root_of_weights(weights))[None, :]
 

@@ -54,7 +54,7 @@ class NormalEquations(NamedTuple):
 
 def dense_equations(residuals: Callable[[Array], Any], y: Float[Array, "k"]) -> NormalEquations:
     """Normal equations of residuals (a tree of arrays) by forward mode."""
-    # There are few unknowns and many residuals: a forward pass for each unknown is cheaper than a backward one for each residual.
+    # There are few unknowns and many residuals: forward passes, one for each unknown, are the fewest.
     values, push = jax.linearize(residuals, y)
     columns = jax.vmap(push)(jnp.eye(y.size, dtype=y.dtype))
     cost, slope, matrix = jnp.zeros((), y.dtype), jnp.zeros_like(y), jnp.zeros((y.size, y.size), y.dtype)

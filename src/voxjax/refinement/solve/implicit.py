@@ -60,6 +60,7 @@ def _implicit_solution_jvp(
     _, change = tangents
     # The rule differentiates at a solution that has this rule itself, so that second derivatives are right too.
     solution = implicit_solution(unknowns, inputs, slope=slope, solve=solve)
+    # Inputs without a tangent, such as integers, cannot be pushed through `jax.jvp`.
     is_still = jax.tree.map(lambda tangent: tangent is None, change, is_leaf=lambda tangent: tangent is None)
     still, moving = eqx.partition(inputs, is_still)
 

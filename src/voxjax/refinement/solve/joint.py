@@ -61,10 +61,12 @@ def solve_joint(
         Perception, 2020.
     """
     start = jnp.asarray(poses)
+    # As in `solve_pose`: thinned levels lead to the basin, each in units of the last of them; then all points settle.
     found, steps = start, jnp.zeros((), jnp.int32)
     if scales.shape[0] > 1:
         chart = chart_about(start, problem.centroids, problem.radii, scales[-2], is_fixed=problem.is_fixed)
         found, steps, _ = lead(problem, chart, scales, max_level_steps=max_level_steps)
+    # Both solve for the derivative alone; steps of the descent have solvers of their own (`joint_equations`).
     solver = by_pseudo_inverse if start.shape[0] <= DIRECT_MAPS else by_conjugate_gradients
     refined, more, is_converged = settle(
         problem,

@@ -66,6 +66,7 @@ class JointEquations(NamedTuple):
 
         They are positive definite also where no residual sees a direction.
         """
+        # Damping is a share of each unknown's own curvature, so that it does not depend on units.
         diagonal = jnp.diagonal(self.own, axis1=-2, axis2=-1)
         info = jnp.finfo(diagonal.dtype)
         # What rounding may take off an eigenvalue grows with the number of unknowns.
@@ -107,6 +108,7 @@ def sparse_step(
     def precondition(rest: Array) -> Array:
         return jax.vmap(lambda factor, part: jax.scipy.linalg.cho_solve((factor, True), part))(factors, rest)
 
+    # The absolute tolerance is next to nothing: slopes shrink as the descent goes on, and steps must stay as exact.
     solver = lx.CG(rtol=tolerance, atol=float(jnp.finfo(slope.dtype).tiny), max_steps=max_steps)
     operator, inverse = (
         lx.FunctionLinearOperator(function, struct, tags=lx.positive_semidefinite_tag)

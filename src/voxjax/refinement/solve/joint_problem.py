@@ -118,6 +118,7 @@ class JointProblem(eqx.Module):
     def met(self, poses: Float[Array, "maps 4 4"]) -> tuple[PyTree, ...]:
         """What the points of each pair meet; None where that is held already."""
         return tuple(
+            # What is held already is not looked up again.
             group.each(lambda problem, T, *_: problem.met(T), poses) if group.found is None else None
             for group in self.edges
         )
@@ -154,6 +155,7 @@ class JointProblem(eqx.Module):
             spread_pairs(group.each(of_pair, poses), group.first, group.second, poses.shape[0])
             for group in self.edges
         ]
+        # What belongs to maps is added over the groups; what belongs to pairs is put one after the other.
         total = jax.tree.map(lambda *each: sum(each[1:], start=each[0]), *(part[:3] for part in parts))
         pairs = jax.tree.map(lambda *each: jnp.concatenate(each), *(part[3:] for part in parts))
         return JointEquations(*total, *pairs)

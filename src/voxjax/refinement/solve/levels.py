@@ -189,6 +189,7 @@ def no_worse(
     level = Level(scales[-1], jnp.asarray(scales.shape[0] - 1, jnp.int32))
     before, after = problem.cost(start, level), problem.cost(found, level)
     is_better = after < before
+    # Rounding decides between poses this near: both are the solution.
     is_same = jnp.max(jnp.abs(found - start)) < same_pose * scales[-1]
     # The difference is 0, but has the derivative of what was found.
     kept = start + jnp.where(is_same, found - jax.lax.stop_gradient(found), jnp.zeros_like(found))
@@ -262,6 +263,8 @@ def _equations(unknowns: Array, met: tuple[PyTree, ...], args: _Args, number: In
 def _slope_of_held(unknowns: Array, held: tuple[_Args, Array]) -> Array:
     """Slope in the unknowns of the cost whose residuals hold what they met at a place; 0 at the solution."""
     args, place = held
+    # Matches are looked up anew, from values that are differentiated: what is met carries derivatives of planes and
+    # fields.
     problem = args.problem.holding(_lookup(place, args))
 
     def cost(unknowns: Array) -> Array:

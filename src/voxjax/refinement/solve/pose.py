@@ -109,7 +109,7 @@ def problem_costs(
 
 def _of_rows(function: Callable[[Array], Any], rows: Array, count: Array) -> Any:
     """A function of each of the first `count` rows."""
-    # The length of the loop is traced; `vmap` would let all rows wait for the slowest, and compute those that do not count.
+    # The length of the loop is traced. `vmap` would let all rows wait for the slowest, and those that do not count too.
     shapes = jax.eval_shape(function, rows[0])
     nothing = jax.tree.map(lambda one: jnp.zeros((len(rows), *one.shape), one.dtype), shapes)
 
@@ -156,6 +156,7 @@ def solve_pose(
         Implicit Differentiation, 2022.
     """
     start = jnp.asarray(T_a_b)
+    # The start only says where to look, so that no derivative comes from it; see above.
     found, steps = jax.lax.stop_gradient(start), jnp.zeros((), jnp.int32)
     if not is_led:
         found, steps = find_basin(problem, start, scales, max_level_steps=max_level_steps)
@@ -166,4 +167,5 @@ def solve_pose(
         max_level_steps=max_level_steps,
         solve=by_pseudo_inverse(precision_of(start.dtype).rank),
     )
+    # Robust costs have several minima: the descent may end in one that is dearer than the start.
     return RefinedPose(*no_worse(problem, start, T, scales), steps + more, is_converged)

@@ -35,6 +35,7 @@ class PoseProblem(eqx.Module):
     def holding(self, met: tuple[PyTree, ...]) -> "PoseProblem":
         """The problem with what the points meet held."""
         terms = [
+            # Continuous terms look nothing up: they are held as they are.
             term if found is None else term.holding(found)
             for term, found in zip(self.terms, met, strict=True)
         ]
@@ -54,6 +55,7 @@ class PoseProblem(eqx.Module):
 
     def no_equations(self, dtype: jnp.dtype) -> NormalEquations:
         """What is known before the first evaluation: a cost without bound."""
+        # Any finite cost is below it, so that the solver keeps its first candidate.
         return NormalEquations(jnp.full((), jnp.inf, dtype), jnp.zeros(6, dtype), jnp.zeros((6, 6), dtype))
 
 
