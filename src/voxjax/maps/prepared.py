@@ -124,6 +124,8 @@ def prepare_map(grid: VoxelGrid) -> PreparedMap:
     planarity = _planarity(curvature, np.asarray(moments.num_occupied))
     is_planar = planarity > min_planarity
     points = grid.world_from_index(index)
+    # Voxel centres are off the surface by up to half a voxel, all alike where a wall lies along the grid; the plane
+    # through the neighbourhood takes that out.
     anchors = points + normals * (offset * is_planar * np.float32(grid.voxel_size))[:, None]
 
     def table(values: np.ndarray) -> Array:

@@ -168,6 +168,7 @@ def _fit(sums: Float32[Array, "10 n"]) -> tuple[Float32[Array, "3 n"], Float32[A
     covariance = jnp.stack([xx - x * x, yy - y * y, zz - z * z, xy - x * y, xz - x * z, yz - y * z])
     values, vectors, _ = eigen_by_columns(covariance)
     total = values[0] + values[1] + values[2]
+    # Fewer than three points fit no plane: they count as what scatters alike in all directions.
     is_defined = (count >= 3.0) & (total > 0.0)
     variation = jnp.maximum(values[0], 0.0) / jnp.where(is_defined, total, 1.0)
     return vectors[0], jnp.where(is_defined, variation, 1.0 / 3.0)

@@ -35,6 +35,7 @@ def nearest_table(
     length, num_rows = table_lengths(int(np.prod(shape, dtype=np.int64)), len(index))
     if on_host(index):
         return to_device(nearest_field_on_host(index, shape, length=length, radius=radius))
+    # The device's kernel belongs to the lengths of its arguments, so that its list is a table as well.
     rows, mask = as_table(index, num_rows), np.arange(num_rows) < len(index)
     return nearest_field(rows, mask, np.asarray(shape, np.int32), flat_size=length, radius=radius)
 

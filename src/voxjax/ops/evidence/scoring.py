@@ -45,6 +45,7 @@ def evidence_codes(
         uint8: 0 nothing known, 1 hit, 2 known but undecided, 3 conflict.
     """
     squared = split_keys(keys)[1]
+    # Near something occupied any state is a hit; elsewhere only what is known to be free says anything.
     is_free = states == FREE
     code = jnp.where(is_free & (squared >= clear_sq), CONFLICT, NOTHING)
     code = jnp.where(is_free & (squared < clear_sq), NEUTRAL, code)
@@ -70,6 +71,7 @@ class SurfaceField(NamedTuple):
 
     def sums(self, T: Array, points: Array, normals: Array, weights: Array) -> Float32[Array, "10"]:
         """Hits, conflicts, undecided, opposed, and xx, xy, xz, yy, yz, zz of the information; columns in."""
+        # Each step is written down before the next one reads it: ten sums would look everything up ten times over.
         is_valid = self.block.voxel_size > 0
         code, cell = materialized(lambda: self._met(T, points), is_valid)
         met = materialized(

@@ -180,6 +180,7 @@ def _search_by_kernels(
 
 def _unwrapped(shift: np.ndarray, box_a: np.ndarray, cells: Cells) -> np.ndarray:
     """Shifts under which b meets a's box, from shifts modulo the block."""
+    # The low corner of b's box lies within a's, or below it: from the end of a's box on a shift has wrapped round.
     size = np.asarray(cells)
     shift = shift % size
     return np.where(shift >= box_a, shift - size, shift)

@@ -115,6 +115,8 @@ def map_shards(kernel: Callable[[jax.Array], jax.Array], grid: ShardedGrid, *, h
             raise InputError(
                 f"kernel must keep the shape of its block {block.shape[:3]}, it makes {result.shape[:3]}."
             )
+        # What the kernel made of the halo lacks neighbours of its own; what it made of the padding must be 0 again, for
+        # the next kernel to find nothing there.
         for axis, name in enumerate(names):
             result = jax.lax.slice_in_dim(result, halo, halo + values.shape[axis], axis=axis)
             result = _cleared_past(result, axis, name, grid.mesh.shape[name], grid.shape[axis])

@@ -96,6 +96,7 @@ def map_tiles(
         )
     block_shape = (*(edge + 2 * halo for edge in edges), *source.shape[3:])
     run = jax.jit(kernel)
+    # Before the first tile: otherwise a result that does not fit would be found with part of it written.
     _check_target(run, block_shape, source, target)
     pending: tuple[Tile, jax.Array] | None = None
     for where in tiles_of(source.shape, edges, halo):

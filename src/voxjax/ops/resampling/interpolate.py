@@ -33,6 +33,7 @@ def backward_affine(
         target_origin: Outer corner of the target [m].
         target_voxel_size: Width of the target's voxels [m].
     """
+    # A rotation is inverted by transposing it: exact, and no linear solve has to be differentiated.
     inverse = jnp.swapaxes(jnp.asarray(T)[:3, :3], 0, 1)
     corner = jnp.asarray(target_origin) - T[:3, 3]
     offset = (

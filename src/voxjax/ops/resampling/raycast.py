@@ -64,6 +64,8 @@ def walk_rays(
     displacement = steps_index.astype(jnp.float32) + (end_offset - start_offset)
     # Rays without a step along an axis never use its times, so any positive length will do there.
     length = jnp.where(steps_index != 0, jnp.abs(displacement), jnp.float32(1.0))
+    # Time runs from 0 at the start of a ray to 1 at its end: when it meets the first plane across each axis, and how
+    # long it goes from one to the next.
     to_first_plane = jnp.where(steps_index > 0, jnp.float32(1.0) - start_offset, start_offset)
     first, interval = (to_first_plane / length).T, (jnp.float32(1.0) / length).T
     flat_step = (jnp.sign(steps_index) * strides[None, :]).T

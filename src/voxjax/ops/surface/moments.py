@@ -107,6 +107,7 @@ def _moments_kernel(
     packed = pack_states(states, margin=_margin(size, reach))
     num_rows, length = index.shape[0], _piece_length()
     num_pieces = -(-num_rows // length)
+    # Padding looks at the first voxel of the grid, which is there; its results are cut off.
     rows = jnp.pad(index.astype(jnp.int32), ((0, num_pieces * length - num_rows), (0, 0)))
     done = jax.lax.map(
         lambda piece: _moments_of_piece(packed, piece, size=size, reach=reach),

@@ -52,6 +52,7 @@ class PackedStates(NamedTuple):
 
     def look(self, group: Array, shift: Array) -> tuple[Array, Array]:
         """Bits of the occupied and of the free voxels from `shift` voxels after the start of a group on, uint32."""
+        # The margin holds all that a window asks for, so bounds are not looked at again.
         found = [
             row.at[group].get(mode="promise_in_bounds", wrap_negative_indices=False) >> shift
             for row in self.words
@@ -111,6 +112,7 @@ def pack_on_host(states: UInt8[np.ndarray, "x y z"], *, margin: int) -> PackedSt
         # Columns in a row: what follows the last group of one are the empty groups of the next.
         occupied, free = groups.reshape(2, len(slab), -1).astype(np.uint32)
         own = np.stack([occupied | free << np.uint32(16)] if num_rows == 1 else [occupied, free])
+        # A word holds its own group and those that follow: what a window needs of a column never straddles two words.
         packed = own.copy()
         for follower in range(1, 2 if num_rows == 1 else 4):
             packed[..., :-follower] |= own[..., follower:] << np.uint32(GROUP * follower)

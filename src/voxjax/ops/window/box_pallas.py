@@ -84,6 +84,7 @@ def window_classes_pallas(
 
 def _words(occupied: Array) -> jax.Array:
     """Four voxels along z as the bytes of one uint32, the first lowest; zeros fill the last word."""
+    # A word is one load and one addition for four voxels.
     grid = jnp.asarray(occupied).astype(jnp.uint8)
     if grid.shape[2] % 4:
         grid = jax.lax.pad(grid, np.uint8(0), [(0, 0, 0), (0, 0, 0), (0, -grid.shape[2] % 4, 0)])

@@ -47,6 +47,7 @@ def packed(is_occupied: Array, size: int, margin: int = 0) -> jax.Array:
 def summed_area(is_occupied: Array, size: int, margin: int = 0) -> jax.Array:
     """Integral image and eight looked-up corners, one axis at a time, in uint32: work independent of `size`."""
     half = size // 2
+    # Axis by axis: an entry sums one axis of windows, where one integral image would sum the whole grid.
     table: jax.Array = jnp.asarray(is_occupied, jnp.uint32)
     for axis in range(3):
         length = table.shape[axis] + 2 * margin
