@@ -8,6 +8,7 @@ from hand_made_surfaces import SIZE, room_grid
 from oracles import box_room
 from voxjax import VoxelGrid
 from voxjax.planes.extract import extract_planes
+from voxjax.planes.settings import PlaneConfig
 from voxjax.planes.triples import intersect_planes
 
 
@@ -28,6 +29,15 @@ def test_planes_of_a_room_are_good_to_six_tenths_of_a_degree(turn):
     assert (np.diff(planes.num_voxels) <= 0).all()
     counts = np.bincount(found.labels[found.labels >= 0], minlength=len(planes.num_voxels))
     np.testing.assert_array_equal(counts, planes.num_voxels)
+
+
+def test_what_a_plane_is_can_be_set():
+    grid, _ = room_grid(np.eye(3), noise=0.0)
+    every = extract_planes(grid).planes
+    assert extract_planes(grid, settings=PlaneConfig(max_planes=2)).planes.num_found == 2
+    large = PlaneConfig(min_voxels=int(every.num_voxels[2]))
+    assert extract_planes(grid, settings=large).planes.num_found == 3
+    assert extract_planes(grid, settings=PlaneConfig(min_width=1_000.0)).planes.num_found == 0
 
 
 def test_empty_maps_have_no_planes():

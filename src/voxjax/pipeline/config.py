@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from .._checks import InputError
 from .._settings import Settings, check_setting, setting
 from ..maps.settings import MapConfig
+from ..planes.settings import PlaneConfig
 from ..registration.hypotheses.settings import (
     DescriptorConfig,
     EvidenceConfig,
@@ -48,6 +49,7 @@ class Config:
         source: Which hypotheses are proposed, and how many.
         rotation: How rotations are found from the normals of two maps.
         exhaustive: How finely all translations are searched.
+        plane: How the planes behind the corners of maps are found.
         frame: How single pairs of corners propose poses.
         subgraph: How the maximum common subgraph of the corners is searched.
         descriptor: How matched local descriptors propose poses.
@@ -62,6 +64,7 @@ class Config:
     source: SourceConfig = dataclasses.field(default_factory=SourceConfig)
     rotation: RotationConfig = dataclasses.field(default_factory=RotationConfig)
     exhaustive: ExhaustiveConfig = dataclasses.field(default_factory=ExhaustiveConfig)
+    plane: PlaneConfig = dataclasses.field(default_factory=PlaneConfig)
     frame: FrameConfig = dataclasses.field(default_factory=FrameConfig)
     subgraph: SubgraphConfig = dataclasses.field(default_factory=SubgraphConfig)
     descriptor: DescriptorConfig = dataclasses.field(default_factory=DescriptorConfig)

@@ -50,4 +50,5 @@ def features_at(grid: VoxelGrid, *, voxel_size: float, config: Config | None = N
         max_virtual=settings.source.max_virtual_corners,
         settings=settings.map,
         rotation=settings.rotation,
+        plane=settings.plane,
     )

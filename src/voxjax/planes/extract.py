@@ -10,6 +10,7 @@ from .consolidate import drop_narrow, extend_segments, merge_segments, split_seg
 from .fit import Planes, fit_planes
 from .grow import keep_large, segment_planes
 from .segments import plane_of_segments
+from .settings import PlaneConfig
 from .surface import Surface, find_surface
 
 
@@ -31,21 +32,7 @@ class PlaneMap(eqx.Module):
     voxel_size: float = eqx.field(static=True)
 
 
-def extract_planes(
-    grid: VoxelGrid,
-    *,
-    size: int = 5,
-    max_angle: float = 15.0,
-    max_curvature: float = 0.12,
-    tolerance: float = 1.0,
-    max_rms: float = 0.7,
-    merge_angle: float = 6.0,
-    gap: float = 10.0,
-    min_voxels: int = 15,
-    min_width: float = 3.5,
-    chamfer_reach: float = 4.0,
-    max_planes: int = 512,
-) -> PlaneMap:
+def extract_planes(grid: VoxelGrid, *, settings: PlaneConfig | None = None) -> PlaneMap:
     """Find the planes of a map: grow, split, merge and extend, fit.
 
     Region growing (section III) gives cores; pieces that are not flat are split, pieces of one plane are
@@ -54,34 +41,29 @@ def extract_planes(
 
     Args:
         grid: The map.
-        size: Diameter of the window for normals [voxel]; smaller than the paper's, so that the faces of furniture
-            a few voxels wide keep normals of their own.
-        max_angle: Smoothness threshold of the growth [degree].
-        max_curvature: Curvature threshold of the growth; a second pass with twice the value takes up thick
-            walls.
-        tolerance: Elements of a plane lie within this of it [voxel].
-        max_rms: A segment with a larger rms distance is not a plane [voxel].
-        merge_angle: Largest angle between planes that are merged [degree].
-        gap: Pieces of one plane farther apart than about this stay apart [voxel].
-        min_voxels: Smallest plane.
-        min_width: Narrower segments [voxel] are no faces but the rounded edges between two.
-        chamfer_reach: Segments that keep within this of the edge of two others [voxel] are no faces either.
-        max_planes: At most so many planes, the largest.
+        settings: What a plane is; None for the defaults.
 
     Returns:
         `PlaneMap`; without any plane where the map has none.
     """
-    surface = find_surface(grid, size=size)
-    labels = _cores(surface, max_angle, max_curvature, tolerance, max_rms)
+    chosen = PlaneConfig() if settings is None else settings
+    surface = find_surface(grid, size=2 * chosen.window_radius + 1)
+    labels = _cores(surface, chosen)
     # A round opens the next: merged segments have better planes, which take in elements that bring other pieces near.
     for _ in range(3):
-        labels = merge_segments(surface, labels, max_rms=max_rms + 0.1, max_angle=merge_angle, gap=gap)
-        labels = extend_segments(surface, labels, distance=tolerance)
+        labels = merge_segments(
+            surface,
+            labels,
+            max_rms=chosen.max_rms + 0.1,
+            max_angle=chosen.merge_angle,
+            gap=chosen.gap,
+        )
+        labels = extend_segments(surface, labels, distance=chosen.tolerance)
     # Last, when faces reach to their edges: the elements of a rounded edge then go to the faces beside it.
-    labels = drop_narrow(surface, labels, min_width=min_width)
-    labels = drop_chamfers(surface, labels, reach=chamfer_reach)
-    labels = extend_segments(surface, labels, distance=tolerance)
-    labels = _largest_first(keep_large(labels, min_voxels), max_planes)
+    labels = drop_narrow(surface, labels, min_width=chosen.min_width)
+    labels = drop_chamfers(surface, labels, reach=chosen.chamfer_reach)
+    labels = extend_segments(surface, labels, distance=chosen.tolerance)
+    labels = _largest_first(keep_large(labels, chosen.min_voxels), chosen.max_planes)
     points = grid.world_from_index(surface.index)
     planes = fit_planes(
         points, _away_from_edges(surface, labels), normals=surface.normal, huber_scale=0.7 * grid.voxel_size
@@ -96,9 +78,7 @@ def extract_planes(
     )
 
 
-def _cores(
-    surface: Surface, max_angle: float, max_curvature: float, tolerance: float, max_rms: float
-) -> np.ndarray:
+def _cores(surface: Surface, settings: PlaneConfig) -> np.ndarray:
     """Flat segments to start from, in three passes: half the bounds, the bounds, and twice the curvature.
 
     Strict bounds first keep large faces from leaking into each other around noisy edges; each later pass takes up
@@ -117,13 +97,21 @@ def _cores(
             ),
         )
         more = segment_planes(
-            rest, max_angle=angle * max_angle, max_curvature=curvature * max_curvature, min_elements=smallest
+            rest,
+            max_angle=angle * settings.max_angle,
+            max_curvature=curvature * settings.max_curvature,
+            min_elements=smallest,
         )
         more = split_segments(
-            surface, more, max_rms=max_rms, distance=tolerance, max_angle=20.0, min_elements=smallest
+            surface,
+            more,
+            max_rms=settings.max_rms,
+            distance=settings.tolerance,
+            max_angle=20.0,
+            min_elements=smallest,
         )
         labels = np.where(is_left & (more >= 0), more + labels.max(initial=-1) + 1, labels).astype(np.int32)
-        labels = extend_segments(surface, labels, distance=tolerance)
+        labels = extend_segments(surface, labels, distance=settings.tolerance)
     return labels
 
 

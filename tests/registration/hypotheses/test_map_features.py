@@ -3,6 +3,9 @@
 import numpy as np
 
 from small_worlds import draw_map, pose
+from voxjax.pipeline.config import config_from
+from voxjax.pipeline.features import features_at
+from voxjax.planes.settings import PlaneConfig
 from voxjax.registration.hypotheses.map_features import map_features
 
 
@@ -15,3 +18,10 @@ def test_directions_are_those_of_the_walls_and_the_rest_is_made_once():
     assert (np.diff(features.shares) <= 0).all()
     assert features.corners is features.corners
     assert features.late.descriptors(use_free_space=True) is features.late.descriptors(use_free_space=True)
+
+
+def test_two_planes_make_no_corner():
+    grid = draw_map()
+    assert map_features(grid, plane=PlaneConfig(max_planes=2)).corners.num_listed == 0
+    settings = config_from({"plane": {"max_planes": 2}})
+    assert features_at(grid, voxel_size=grid.voxel_size, config=settings).corners.num_listed == 0

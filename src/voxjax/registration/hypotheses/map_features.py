@@ -14,6 +14,7 @@ from ...maps.prepared import PreparedMap, draw_rows, prepare_map
 from ...maps.settings import MapConfig
 from ...matching.descriptors import MapDescriptors, describe_map
 from ...planes.extract import extract_planes
+from ...planes.settings import PlaneConfig
 from .directions import dominant_directions
 from .settings import RotationConfig, SourceConfig
 
@@ -21,15 +22,21 @@ from .settings import RotationConfig, SourceConfig
 class LateFeatures:
     """Corners and descriptors of a map: they take longest, and many pairs are decided without them."""
 
-    def __init__(self, grid: VoxelGrid, max_virtual: int):
-        """Compute nothing yet."""
-        self._grid, self._max_virtual = grid, max_virtual
+    def __init__(self, grid: VoxelGrid, max_virtual: int, planes: PlaneConfig | None = None):
+        """Compute nothing yet.
+
+        Args:
+            grid: The map.
+            max_virtual: Largest number of virtual corners.
+            planes: How the planes behind the corners are found; None for the defaults.
+        """
+        self._grid, self._max_virtual, self._planes = grid, max_virtual, planes
         self._descriptors: dict[bool, MapDescriptors] = {}
 
     @cached_property
     def corners(self) -> Corners:
         """Observed and virtual corners."""
-        planes = extract_planes(self._grid)
+        planes = extract_planes(self._grid, settings=self._planes)
         return corners_of_planes(self._grid, planes, virtual=True, max_virtual=self._max_virtual)
 
     def descriptors(self, *, use_free_space: bool) -> MapDescriptors:
@@ -71,6 +78,7 @@ def map_features(
     max_virtual: int = SourceConfig.max_virtual_corners,
     settings: MapConfig | None = None,
     rotation: RotationConfig | None = None,
+    plane: PlaneConfig | None = None,
 ) -> MapFeatures:
     """Features of a map that has occupied voxels.
 
@@ -79,6 +87,7 @@ def map_features(
         max_virtual: Largest number of virtual corners.
         settings: Whether free space is inferred, and when it is used; None for the defaults.
         rotation: How many normals and directions are taken; None for the defaults.
+        plane: How the planes behind the corners are found; None for the defaults.
     """
     chosen = RotationConfig() if rotation is None else rotation
     prepared, free_space = _prepare(grid, MapConfig() if settings is None else settings)
@@ -94,7 +103,7 @@ def map_features(
         directions=directions,
         shares=shares,
         normals=normals[draw_rows(drawn, chosen.num_normals)],
-        late=LateFeatures(prepared.grid, max_virtual),
+        late=LateFeatures(prepared.grid, max_virtual, plane),
         free_space=free_space,
     )
 
