@@ -3,20 +3,28 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from command_line import WORLD, fake_register, files, one_line
 from fake_register import cube_map, pose
-from voxjax import read_map
+from voxjax import VoxelGrid, read_map
 from voxjax.cli import demo
 from voxjax.cli.main import main
 from voxjax.synthetic.team import Team
 
 
+def _with_log_odds(grid):
+    """The map with log-odds by which free space outweighs what is occupied."""
+    return VoxelGrid(
+        grid.states, grid.origin, grid.voxel_size, np.where(grid.states == 2, 0.1, -2.0).astype(np.float32)
+    )
+
+
 def _team(poses):
     """Three maps and where they lie; of their building nothing is known."""
     team = object.__new__(Team)
-    object.__setattr__(team, "grids", tuple(cube_map(n) for n in range(3)))
+    object.__setattr__(team, "grids", tuple(_with_log_odds(cube_map(n)) for n in range(3)))
     object.__setattr__(team, "poses", tuple(poses))
     return team
 
@@ -46,6 +54,14 @@ def test_the_maps_are_merged_compared_and_drawn(with_truth, capsys):
     assert "6 files in d" in shown
     assert main(["demo", "--out", "d", "-q"]) == 2
     assert "--force" in one_line(capsys)
+
+
+def test_merging_the_files_gives_the_map_of_the_demo(with_truth):
+    with_truth(WORLD)
+    assert main(["demo", "--out", "d", "-q"]) == 0
+    robots = [f"d/robot_{n}.bt" for n in (1, 2, 3)]
+    assert main(["merge", *robots, "-o", "again.bt", "-q"]) == 0
+    assert Path("again.bt").read_bytes() == Path("d/fused.bt").read_bytes()
 
 
 def test_a_wrong_pose_is_a_fault(with_truth, capsys):

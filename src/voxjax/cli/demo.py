@@ -10,7 +10,9 @@ import numpy as np
 from .. import rigid
 from .._checks import InputError
 from .._runtime.whole_files import write_files
+from ..grid import VoxelGrid
 from ..io import encode_map
+from ..io.octomap import decode_bt
 from ..metrics import PoseError, pose_error
 from ..pipeline.many import merge
 from ..pipeline.merged import Merge
@@ -35,10 +37,13 @@ def run(args: argparse.Namespace) -> int:
     progress = Progress(quiet=args.quiet)
     progress("generate a building and scan it with three robots")
     team = simulate_team(args.seed, num_robots=3, overlap=0.2)
-    # Nothing of the truth goes into the merge: it gets the maps alone.
-    merged = merge(team.grids, on_stage=progress)
+    files = {str(folder / name): encode_map(name, grid) for name, grid in zip(names, team.grids, strict=True)}
+    # Nothing of the truth goes into the merge: it gets the maps alone, and of them what the files hold (states without
+    # log-odds), so that `voxjax merge` of the files gives the same map.
+    grids = [decode_bt(data) for data in files.values()]
+    merged = merge(grids, on_stage=progress)
     progress("draw and write")
-    contents = _contents(folder, names, team, merged)
+    contents = files | _results(folder, names, grids, merged)
     write_files(contents, force=args.force)
     progress.finish()
     for line in summary(merged, names):
@@ -54,16 +59,17 @@ def run(args: argparse.Namespace) -> int:
     return _judge(errors)
 
 
-def _contents(folder: Path, names: Sequence[str], team: Team, merged: Merge) -> dict[str, bytes]:
-    """The bytes of all files to write: without a fused map, the robots' maps and the report alone."""
+def _results(
+    folder: Path, names: Sequence[str], grids: Sequence[VoxelGrid], merged: Merge
+) -> dict[str, bytes]:
+    """The bytes of what came out of the merge: without a fused map, the report alone."""
     paths = [str(folder / name) for name in names]
-    contents = {path: encode_map(path, grid) for path, grid in zip(paths, team.grids, strict=True)}
-    contents[str(folder / "report.json")] = json_bytes(merge_report(merged, team.grids, paths))
+    contents = {str(folder / "report.json"): json_bytes(merge_report(merged, grids, paths))}
     if merged.grid is not None:
         fused = str(folder / "fused.bt")
         contents[fused] = encode_map(fused, merged.grid)
         labels = [name.removesuffix(".bt").replace("_", " ") for name in names]
-        picture = draw_merge(team.grids, merged.poses, merged.grid, names=labels)
+        picture = draw_merge(grids, merged.poses, merged.grid, names=labels)
         contents[str(folder / "picture.png")] = encode_png(picture)
     return contents
 
