@@ -1,9 +1,9 @@
-"""The tables of docs/benchmarks.md, from the committed results.
+"""The tables of docs/benchmarks.md, from the committed results, and of docs/settings.md, from the code.
 
     python -m bench docs [--check]
 
-A table stands between a line `<!-- table: NAME -->` and the next `<!-- end: NAME -->`. It is what the benchmark of that
-name prints with `--table`. What stands outside of these lines is written by hand and stays.
+A table stands between a line `<!-- table: NAME -->` and the next `<!-- end: NAME -->`. In docs/benchmarks.md it is what
+the benchmark of that name prints with `--table`. What stands outside of these lines is written by hand and stays.
 """
 
 import argparse
@@ -12,17 +12,20 @@ import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from bench import kernel_results, kernels, refinement_table
+from bench import kernel_results, kernels, refinement_table, setting_tables
 
-PAGE = Path(__file__).parents[1] / "docs" / "benchmarks.md"
+FOLDER = Path(__file__).parents[1] / "docs"
 
-TABLES: dict[str, Callable[[], str]] = {
-    "kernels": lambda: kernels.tables(kernel_results.FOLDER),
-    "refinement": lambda: refinement_table.markdown(
-        refinement_table.read(refinement_table.FOLDER / refinement_table.FILE)
-    ),
+PAGES: dict[str, dict[str, Callable[[], str]]] = {
+    "benchmarks.md": {
+        "kernels": lambda: kernels.tables(kernel_results.FOLDER),
+        "refinement": lambda: refinement_table.markdown(
+            refinement_table.read(refinement_table.FOLDER / refinement_table.FILE)
+        ),
+    },
+    "settings.md": {"settings": setting_tables.markdown},
 }
-"""How to print each table of the page, by name; a benchmark that commits its results gets an entry."""
+"""How to print each table of each page, by name; a benchmark that commits its results gets an entry."""
 
 
 def fill(page: str, tables: Mapping[str, Callable[[], str]]) -> str:
@@ -48,21 +51,22 @@ def fill(page: str, tables: Mapping[str, Callable[[], str]]) -> str:
 
 
 def main(argv: list[str]) -> int:
-    """Write the page; with --check only compare, and return 1 where the page is not what would be written."""
+    """Write the pages; with --check only compare, and return 1 where one is not what would be written."""
     parser = argparse.ArgumentParser(
         prog="python -m bench docs", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument(
-        "--check", action="store_true", help="write nothing; exit code 1 if the page is stale"
-    )
+    parser.add_argument("--check", action="store_true", help="write nothing; exit code 1 if a page is stale")
     args = parser.parse_args(argv)
-    before = PAGE.read_text(encoding="utf-8")
-    after = fill(before, TABLES)
-    is_stale = after != before
-    if is_stale and not args.check:
-        PAGE.write_text(after, encoding="utf-8")
-    print(f"{PAGE.name}: {'its tables were not those of the results' if is_stale else 'up to date'}")
-    return int(is_stale and args.check)
+    num_stale = 0
+    for name, tables in PAGES.items():
+        page = FOLDER / name
+        before = page.read_text(encoding="utf-8")
+        after = fill(before, tables)
+        if after != before and not args.check:
+            page.write_text(after, encoding="utf-8")
+        print(f"{name}: {'its tables were not those of the sources' if after != before else 'up to date'}")
+        num_stale += after != before
+    return int(num_stale > 0 and args.check)
 
 
 if __name__ == "__main__":

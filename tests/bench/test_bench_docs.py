@@ -1,15 +1,32 @@
-"""The page of measured figures: its tables are those of the committed results, its links and pictures exist."""
+"""The pages with tables: they are those of the committed results and of the code, links and pictures exist."""
 
+import dataclasses
 import re
+import tomllib
 
 import pytest
 
 from bench import docs
+from voxjax.pipeline.config import Config, config_from
 
 
-def test_the_tables_of_the_page_are_those_of_the_committed_results():
-    page = docs.PAGE.read_text(encoding="utf-8")
-    assert docs.fill(page, docs.TABLES) == page, "run: python -m bench docs"
+@pytest.mark.parametrize("name", docs.PAGES)
+def test_the_tables_of_a_page_are_those_of_its_sources(name):
+    page = (docs.FOLDER / name).read_text(encoding="utf-8")
+    assert docs.fill(page, docs.PAGES[name]) == page, "run: python -m bench docs"
+
+
+def test_the_page_of_settings_has_a_row_for_each_key_and_its_sample_is_taken():
+    page = (docs.FOLDER / "settings.md").read_text(encoding="utf-8")
+    sections = dict(re.findall(r"^## `\[(\w+)\]`\n(.*?)(?=^## |\Z)", page, re.MULTILINE | re.DOTALL))
+    assert list(sections) == [field.name for field in dataclasses.fields(Config)]
+    for name, section in sections.items():
+        keys = re.findall(r"^\| `(\w+)` \| [^|]+ \| [^|]+ \| [^|]+ \|$", section, re.MULTILINE)
+        assert keys == [field.name for field in dataclasses.fields(getattr(Config(), name))]
+    (sample,) = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
+    changed = config_from(tomllib.loads(sample))
+    assert changed.source.thorough
+    assert changed.verdict.min_confidence == 0.95
 
 
 def test_only_what_stands_between_the_marks_is_replaced():
@@ -28,10 +45,18 @@ def test_a_page_without_the_marks_of_a_table_is_an_error(page):
 
 
 @pytest.mark.parametrize(
-    "name", ["README.md", "docs/benchmarks.md", "docs/how-it-works.md", "docs/architecture.md"]
+    "name",
+    [
+        "README.md",
+        "docs/benchmarks.md",
+        "docs/settings.md",
+        "docs/running.md",
+        "docs/how-it-works.md",
+        "docs/architecture.md",
+    ],
 )
 def test_links_of_the_pages_lead_to_files(name):
-    page = docs.PAGE.parents[1] / name
+    page = docs.FOLDER.parent / name
     links = re.findall(r"\]\((?!https?:)([^)#]+)", page.read_text(encoding="utf-8"))
     for link in links:
         assert (page.parent / link).exists(), link

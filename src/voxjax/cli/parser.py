@@ -120,7 +120,9 @@ def _add_merge(commands) -> None:
         choices=("paper", "keep", "log_odds"),
         help="how states are combined; chosen by what the maps hold if not given",
     )
-    command.add_argument("--config", metavar="F.toml", help="settings of the stages")
+    command.add_argument(
+        "--config", metavar="F.toml", help="settings of the stages; their keys: docs/settings.md"
+    )
     command.add_argument(
         "--init-guess",
         metavar="T",
