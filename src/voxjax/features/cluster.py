@@ -71,6 +71,7 @@ def suppress_duplicates(
     pairs = KDTree(position).query_pairs(radius, output_type="ndarray")
     i, j = pairs.T
     cosine = np.einsum("mac,mbc->mab", normals[i], normals[j])
+    # The order of the normals differs with the plane that came first, so that they are compared as sets, both ways.
     same = (cosine.max(axis=2) > min_cosine).all(axis=1) & (cosine.max(axis=1) > min_cosine).all(axis=1)
     same &= kind[i] == kind[j]
     i, j = i[same], j[same]

@@ -76,6 +76,7 @@ def corners_of_planes(
     Returns:
         `Corners`.
     """
+    # Faces may end some voxels before their corner, where the edge is rounded or hidden.
     beside = 7.0 * grid.voxel_size
     reach = max(virtual_reach, beside) if virtual else beside
     triples = intersect_planes(plane_map, reach=reach, min_triple_product=min_triple_product)
@@ -115,6 +116,7 @@ def _observed(
     row = near[seen.row]
     weight = _weights(plane_map, triples, 2.0)[row] * seen.coverage
     position = triples.position[row]
+    # Planes that were not merged, and their crossings with others, give the same corner more than once.
     keep = suppress_duplicates(position, seen.normals, seen.convexity, weight, radius=3.0 * grid.voxel_size)
     return _corners(
         position[keep], seen.normals[keep], weight[keep], seen.convexity[keep], covariance[row[keep]], True
@@ -141,6 +143,7 @@ def _virtual(
         position, all_normals, np.zeros(len(position), np.int32), weight, radius=3.0 * grid.voxel_size
     )
     keep = keep[keep >= num]
+    # Nobody saw the faces beside the point: which of its edges are convex is not known.
     kind = np.full(len(keep), KIND_UNKNOWN, np.int32)
     return _corners(position[keep], all_normals[keep], weight[keep], kind, covariance[keep - num], False)
 

@@ -168,6 +168,7 @@ def _common_subgraph(
     ties: tuple[np.ndarray, ...], completed: bool, has_all_ties: bool, num_nodes: int
 ) -> CommonSubgraph:
     """Result with the code that fits: fewer than three associations fix no transform."""
+    # Two matched points leave a turn about the line through them open.
     if len(ties[0]) < 3:
         result = RESULTS.too_few_associations
     else:

@@ -52,6 +52,7 @@ def distance_consistency(
 
 def _cyclic_rotations(frames_a: Array, frames_b: Array) -> Array:
     """Rotations (m, 3, 3, 3) that carry frame b onto frame a, one for each cyclic order of its rows."""
+    # Both frames are right-handed: of six orders of the normals three are left.
     turned = jnp.stack([jnp.roll(frames_b, shift, axis=-2) for shift in range(3)], axis=-3)
     return jnp.einsum("mki,mskj->msij", frames_a, turned)
 

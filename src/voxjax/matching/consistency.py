@@ -158,6 +158,7 @@ def pairwise_consistency(
     if angle_tolerance is None or not has_angles:
         return adjacency
     tolerance = np.float32(angle_tolerance)
+    # What JAX gives cannot be written to.
     adjacency = adjacency.copy()
     for given_a, given_b, test in (
         (frames_a, frames_b, rotations_agree),
@@ -202,5 +203,6 @@ def _keep_edges(adjacency: np.ndarray, agree) -> None:
         return
     is_kept = over_pieces(lambda chunk, _: agree(chunk), [edges], size=edge_chunk, run=one_by_one)
     i, j = edges[~is_kept].T
+    # Edges were listed with the smaller row first; the graph has both directions.
     adjacency[i, j] = False
     adjacency[j, i] = False

@@ -42,6 +42,7 @@ def features_at(grid: VoxelGrid, *, voxel_size: float, config: Config | None = N
     if grid.num_occupied == 0:
         raise InputError("grid must have at least one occupied voxel, got none; leave the map out.")
     settings = Config() if config is None else config
+    # Maps of ever new sizes bring ever new kernels, until the process has no memory mapping left for one.
     release_kernels_if_crowded()
     # Voxel sizes that went through float32 or text differ in their last digits; such maps are not resampled.
     same = abs(grid.voxel_size - voxel_size) < 1e-6 * voxel_size

@@ -78,6 +78,7 @@ def merge(
             pairs.append((a, b, found))
 
     # 3. Poses along the best tree of accepted pairs.
+    # A tree closes no loop: what the accepted pairs beside it say is reported as `loops`.
     tree = spanning_tree(len(grids), pairs)
     poses = chain_poses(len(grids), tree)
     chosen = [number for number, pose in enumerate(poses) if pose is not None]

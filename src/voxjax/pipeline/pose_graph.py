@@ -73,6 +73,7 @@ def loop_errors(
             continue
         chained = rigid.inverse(pose_a.astype(np.float64)) @ pose_b.astype(np.float64)
         direct = np.asarray(registration.T_a_b, np.float64)
+        # The error is taken where map b is, not at its origin, which may lie far from it.
         low, high = grids[b].extent
         error = pose_error(chained, direct, (low.astype(np.float64) + high) / 2.0)
         errors.append(LoopError(a=a, b=b, metres=error.metres, radians=float(np.radians(error.degrees))))

@@ -73,6 +73,7 @@ def fit_planes(
         `Planes` with a capacity of the next bucket, row i for label i.
     """
     num = int(labels.max(initial=-1)) + 1
+    # There are few capacities and lengths, so that maps share compiled fits.
     capacity, length = wide_bucket_size(num, 256), wide_bucket_size(len(points), 32_768)
     # Moments are taken about the middle: in float32 those of points far from the origin lose the plane.
     middle = points.mean(axis=0, dtype=np.float64) if len(points) else np.zeros(3)

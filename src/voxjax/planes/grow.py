@@ -75,6 +75,8 @@ def _rank_by_curvature(component: np.ndarray, curvature: np.ndarray) -> np.ndarr
     """Number the components in order of their smallest curvature (ties: first element first)."""
     order = np.argsort(curvature, kind="stable")
     ids, first = np.unique(component[order], return_index=True)
+    # Numbers follow the curvature, so that the first segment that reaches an element is the one of the sequential
+    # loop.
     rank = np.empty(component.max() + 1, np.int32)
     rank[ids[np.argsort(first)]] = np.arange(len(ids), dtype=np.int32)
     return rank[component]

@@ -54,6 +54,7 @@ def plane_of_segments(
         for b in range(a, 3):
             covariance[:, a, b] = covariance[:, b, a] = mean(local[a] * local[b])
     values, vectors = np.linalg.eigh(covariance)
+    # The sign of an eigenvector means nothing; the elements know on which side free space is.
     toward = np.stack([mean(normals[used, a].astype(np.float64)) for a in range(3)], axis=1)
     length = np.linalg.norm(toward, axis=1, keepdims=True)
     fallback = np.where(length > 0, toward / np.maximum(length, 1e-12), [0.0, 0.0, 1.0])

@@ -73,6 +73,7 @@ def _element_pairs(
     """Pairs of elements of touching voxels that lie on the same side of the surface."""
     i, j = pairs.T
     cosine = np.einsum("ij,ij->i", normal[i], normal[j])
+    # Elements that know no side agree with either.
     is_free = ~(is_signed[i] & is_signed[j])
     node_i, node_j = node[:, i], node[:, j]
     found = []

@@ -78,13 +78,16 @@ def maximum_clique(
     if not len(matrix):
         empty = np.zeros(0, np.int32)
         return Clique(empty, True, (empty,), True, 0)
+    # A node is no neighbour of itself here: a loop would count as one more common neighbour.
     rows = _without_diagonal(pack(matrix))
     edges = edges_of_rows(rows)
     if not len(edges):
         return _edgeless(len(matrix), all_maximum, max_cliques)
+    # A large clique is grown first: what no clique of its size can use falls before anything is searched.
     bound = quick_clique(rows, edges)
     # Ties are as large as the bound may be; a single clique is only worth a search if it is larger.
     size = len(bound) + 1 - int(all_maximum)
+    # What follows takes a dense graph, which this part is small enough for.
     part = _Part.usable(rows, edges, max(size, 2))
     best, completed = part.largest(bound, budget)
     ties, has_all_ties = [best], False

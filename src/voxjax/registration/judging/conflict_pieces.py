@@ -36,6 +36,7 @@ def piece_area(
         code = _codes_at(target, points, T)
         num_hits += int(np.count_nonzero(code == HIT))
         in_pieces += _in_pieces(other, points[code == CONFLICT], min_area)
+    # A voxel of a surface stands for one face of it.
     face = a.grid.voxel_size**2
     return in_pieces * face, num_hits * face
 
@@ -58,6 +59,7 @@ def _in_pieces(other: PreparedMap, points: np.ndarray, min_area: float) -> int:
         return 0
     voxel = other.grid.voxel_size
     index = np.floor((points - other.grid.origin) / voxel).astype(np.int64)
+    # The box around the conflicts alone is labelled, not the whole map.
     index -= index.min(axis=0)
     block = np.zeros(index.max(axis=0) + 1, bool)
     block[tuple(index.T)] = True

@@ -120,6 +120,7 @@ def _one_way(
     if num_points is not None:
         rows = sample_rows(other, num_points)
         points, sides = points[rows], sides[rows]
+        # Points are drawn by leverage, and therefore all count the same.
         weights = np.full(num_points, 1.0 / num_points, np.float32)
     codes = target.coarse_codes(target.coarse_factor) if is_coarse else target.codes
     shares, fixed = surface_evidence(

@@ -61,6 +61,7 @@ def _hypotheses(
     result = []
     for T, (hits, conflicts, undecided) in zip(poses, forth + back, strict=True):
         known = max(hits + conflicts + undecided, 1.0)
+        # Voxels are counted here, not weighed by leverage: the paper counts cubes.
         score = float((hits - conflict_weight * conflicts) / total)
         evidence = Evidence(score, float(hits / known), float(conflicts / known), int(hits), int(conflicts))
         result.append(Hypothesis(T, score, "subgraph", evidence))
@@ -99,4 +100,5 @@ def _decide(size: int, score: float, rival: float, settings: PaperConfig) -> tup
 def _confidence(verdict: Verdict, size: int, score: float, rival: float) -> float:
     """Rough, not calibrated: more matches and more evidence are better; below 0.5 unless accepted."""
     trust = float(np.clip(score / 0.3, 0.0, 1.0)) * size / (size + 3.0) * (1.0 - 0.5 * rival)
+    # A pose that was refused must not look more probable than one that was accepted.
     return trust if verdict == "accepted" else min(trust, 0.4)
