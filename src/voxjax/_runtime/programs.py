@@ -81,6 +81,7 @@ def _program_of(function: Callable[..., Any], call: Call, loader: Loader) -> Cal
     def load() -> Program | None:
         content = read_whole(path)
         program = None if content is None else Program.of(content)
+        # A file that is damaged, or whose results have types of another kind, is traced and written anew.
         if program is None or program.runner(call) is None:
             content = traced(function, call)
             if content is None:

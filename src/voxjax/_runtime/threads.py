@@ -35,6 +35,7 @@ def spread(function: Callable[[T], R], items: Iterable[T]) -> list[R]:
         return [piece.result() for piece in pieces]
     finally:
         for piece in pieces:
+            # After an error, pieces that have not begun never do, and none is still at work when it is raised.
             piece.cancel()
         wait(pieces)
 

@@ -126,6 +126,7 @@ def _replace(
     temporary: Path, path: Path, temporaries: contextlib.ExitStack, renames: contextlib.ExitStack
 ) -> None:
     """Name a file as another one may be named; `renames` brings that one back."""
+    # A second name keeps the old file alive until all files have their names.
     old = _temporary(path, temporaries)
     try:
         os.link(path, old, follow_symlinks=False)

@@ -100,6 +100,7 @@ def refine(
     if coarse:
         found = _beside_start(found, problem, start, scales)
 
+    # Maps err by patches of surface, of which a small map has fewer.
     num_patches = np.asarray(other.prepared.num_points / PATCH_VOXELS, scales.dtype)
     covariance = partial(pose_covariance, planes, scale=scales[-1], num_patches=num_patches)
     covariances, is_degenerate = _each(covariance, found.T_a_b)

@@ -98,6 +98,7 @@ def refine_joint(
     chosen = None if pairs is None else checked_pairs("pairs", pairs, len(grids))
     named = checked_terms(terms, chosen, len(grids))
 
+    # One voxel size, that of the coarsest map, sets the lengths of all pairs.
     views = views_of({f"grids[{number}]": grid for number, grid in enumerate(grids)}, soft=soft)
     filled = {number: view.prepared for number, view in enumerate(views) if view is not None}
     voxel = max((prepared.grid.voxel_size for prepared in filled.values()), default=1.0)
@@ -137,10 +138,12 @@ def refine_joint(
         T, after = better(near, before, found.poses, found.cost_after)
         found = found._replace(poses=T, cost_before=before, cost_after=after)
 
+    # Covariances come from what planes fix, given the maps that are held.
     num_voxels = np.zeros(len(grids), dtype)
     num_voxels[list(filled)] = [prepared.num_points for prepared in filled.values()]
     covariance, slides = _spread(planes, found.poses, scales, num_voxels, np.asarray(voxel, dtype))
     return JointRefinement(
+        # Maps that are held have their pose to the bit, which the shift there and back would not give.
         poses=jnp.where(is_held[:, None, None], start.astype(dtype), found.poses + shift),
         covariance=covariance,
         result=how_it_ended(found.converged, slides),

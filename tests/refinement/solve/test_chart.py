@@ -28,19 +28,21 @@ def test_a_unit_is_a_robust_scale_of_shift_or_of_turn_at_the_radius(starts):
 
 
 def test_poses_of_many_maps_are_those_of_each(starts):
-    many = chart_about(*starts, SCALE, is_fixed=jnp.zeros(3, bool))
-    for k, each in enumerate(zip(*starts, strict=True)):
-        one = chart_about(*each, SCALE)
+    poses, centroids, radii = starts
+    many = chart_about(poses, centroids, radii, SCALE, is_fixed=jnp.zeros(3, bool))
+    for k in range(3):
+        one = chart_about(poses[k], centroids[k], radii[k], SCALE)
         np.testing.assert_allclose(many.poses(UNKNOWNS)[k], one.poses(UNKNOWNS[k]), atol=1e-6)
         np.testing.assert_allclose(many.slopes(UNKNOWNS)[k], one.slopes(UNKNOWNS[k]), atol=1e-6)
 
 
 def test_maps_that_are_held_stay_and_have_no_slopes(starts):
-    chart = chart_about(*starts, SCALE, is_fixed=jnp.asarray([False, True, False]))
+    poses, centroids, radii = starts
+    chart = chart_about(poses, centroids, radii, SCALE, is_fixed=jnp.asarray([False, True, False]))
     moved, slopes = chart.poses(UNKNOWNS), chart.slopes(UNKNOWNS)
-    assert jnp.array_equal(moved[1], starts[0][1])
+    assert jnp.array_equal(moved[1], poses[1])
     assert not slopes[1].any()
-    assert (jnp.abs(moved - starts[0]).max(axis=(1, 2)) > 1e-3).tolist() == [True, False, True]
+    assert (jnp.abs(moved - poses).max(axis=(1, 2)) > 1e-3).tolist() == [True, False, True]
 
 
 def test_slopes_are_the_derivatives_of_the_tangent_at_the_pose(starts):

@@ -60,6 +60,7 @@ def terms_between(
         loss: What a large offset costs; of occupancies it is squared.
     """
     return tuple(
+        # The first way brings points of b onto a, the second is the inverse.
         _term(kind, target, points, bool(number), share=weight / len(ways), loss=loss)
         for kind, weight in residuals.items()
         for number, (target, points) in enumerate(ways)

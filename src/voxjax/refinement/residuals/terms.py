@@ -110,6 +110,7 @@ class PointTerm(Term):
 
     def rows(self, T_a_b: Float[Array, "4 4"], level: Level) -> Float[Array, "k n"]:
         """See `Term`."""
+        # Only derivatives need the arms, so that any pivot serves here.
         placed = self.placed(T_a_b, jnp.zeros(3, T_a_b.dtype))
         return robust_rows(self.offsets(placed.points, level), self.weights(), self.loss)
 

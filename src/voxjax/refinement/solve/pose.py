@@ -160,6 +160,7 @@ def solve_pose(
     found, steps = jax.lax.stop_gradient(start), jnp.zeros((), jnp.int32)
     if not is_led:
         found, steps = find_basin(problem, start, scales, max_level_steps=max_level_steps)
+    # The last level uses all points and has units of its own scale.
     T, more, is_converged = settle(
         problem,
         chart_about(found, problem.centroid, problem.radius, scales[-1]),
