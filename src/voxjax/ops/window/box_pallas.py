@@ -27,13 +27,22 @@ import numpy as np
 from jax.experimental import pallas as pl
 
 from ..._checks import InputError
-from ..._runtime.placement import backend
+from ..._runtime import placement
 from ..._types import Array
 
 _LANES = 128
+"""Words that one program counts side by side, one a lane; Triton takes powers of two."""
+
 _ROWS = 4
-_STRETCH = 128  # planes along x per program: the windows of its first plane cost size - 1 planes more
+"""Rows along y that each lane carries: their windows share most of what is loaded."""
+
+_STRETCH = 128
+"""Planes along x of one program: the windows of its first plane cost size - 1 planes more."""
+
 _VOXELS = 256
+"""Voxels that one program classifies; a power of two."""
+
+# Bytes and half words are added within words of 32 bits: masks of their bits.
 _ONES, _LOW_SEVEN, _EVEN = np.uint32(0x01010101), np.uint32(0x7F7F7F7F), np.uint32(0x00FF00FF)
 _LOW, _HIGH = np.uint32(0xFFFF), np.uint32(0xFFFF0000)
 
@@ -264,9 +273,9 @@ def _call(
     """Run a kernel over a grid of programs."""
     if interpret:
         return pl.pallas_call(kernel, out_shape=result, grid=grid, interpret=True)(*arguments)
-    if backend() != "gpu":
+    if placement.backend() != "gpu":
         raise NotImplementedError(
-            f'implementation="pallas" needs a GPU, and JAX runs on {backend()}: use None.'
+            f'implementation="pallas" needs a GPU, and JAX runs on {placement.backend()}: use None.'
         )
     # One lane per thread; no stages, since no load can be moved ahead of its index.
     params = _triton().CompilerParams(num_warps=_LANES // 32, num_stages=1)
