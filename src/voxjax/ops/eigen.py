@@ -4,6 +4,7 @@
 `symmetric_eigen` is the same for batches of matrices.
 """
 
+import functools
 from functools import partial
 from typing import NamedTuple
 
@@ -14,9 +15,6 @@ from jaxtyping import Bool, Float
 
 from .._runtime.placement import on_host
 from .._types import Array
-
-_PIECE = 8192
-"""Matrices that a CPU decomposes at once."""
 
 
 class EigenColumns(NamedTuple):
@@ -110,10 +108,12 @@ def _decompose_jvp(
 @partial(jax.jit, inline=True)
 def _decomposed(entries: Float[Array, "6 *n"]) -> tuple[Array, Array]:
     """Values (3, *n) and vectors (3, 3, *n); on a CPU in pieces whose columns fit the cache of a core."""
+    # Matrices that a CPU decomposes at once.
+    piece = 8192
     batch, flat = entries.shape[1:], entries.reshape(6, -1)
     length = flat.shape[1]
-    if on_host() and length > _PIECE:
-        rows = jnp.pad(flat, ((0, 0), (0, -length % _PIECE))).reshape(6, -1, _PIECE)
+    if on_host() and length > piece:
+        rows = jnp.pad(flat, ((0, 0), (0, -length % piece))).reshape(6, -1, piece)
         found = jax.lax.map(_closed_form, jnp.moveaxis(rows, 1, 0))
         found = [jnp.moveaxis(a, 0, -2).reshape(*a.shape[1:-1], -1)[..., :length] for a in found]
     else:
@@ -188,19 +188,22 @@ def _closed_form(entries: Float[Array, "6 n"]) -> tuple[Float[Array, "3 n"], Flo
     return jnp.stack(values), jnp.stack([jnp.stack(vector) for vector in vectors])
 
 
-_NODES = np.cos(np.pi * (np.arange(13) + 0.5) / 13)
-_COSINES = np.polynomial.Polynomial.fit(
-    _NODES, 2 * np.cos(2 / 3 * np.arccos(np.clip(0.85355 + 0.14645 * _NODES, -1.0, 1.0))), 12, domain=[-1, 1]
-).coef
-"""Coefficients of 2 cos(2/3 arccos(s)) in (s - 0.85355) / 0.14645: smooth there, and good to 1e-12."""
+@functools.cache
+def _cosine_coefficients() -> tuple[float, ...]:
+    """Coefficients of 2 cos(2/3 arccos(s)) in (s - 0.85355) / 0.14645: smooth there, and good to 1e-12."""
+    # At the nodes of Chebyshev the fit is nearly the best one of its degree over the whole range.
+    nodes = np.cos(np.pi * (np.arange(13) + 0.5) / 13)
+    values = 2 * np.cos(2 / 3 * np.arccos(np.clip(0.85355 + 0.14645 * nodes, -1.0, 1.0)))
+    return tuple(float(c) for c in np.polynomial.Polynomial.fit(nodes, values, 12, domain=[-1, 1]).coef)
 
 
 def _two_cosines(s: Array) -> Array:
     """2 cos(2/3 arccos(s)) for s in [sqrt(1/2), 1]: arccos and cos are scalar calls on a CPU, this is a vector loop."""
     t = (s - 0.85355) / 0.14645
-    total = jnp.full_like(s, _COSINES[-1])
-    for coefficient in _COSINES[-2::-1]:
-        total = total * t + float(coefficient)
+    *lower, highest = _cosine_coefficients()
+    total = jnp.full_like(s, highest)
+    for coefficient in reversed(lower):
+        total = total * t + coefficient
     return total
 
 
