@@ -13,7 +13,7 @@ class PlaneConfig(Settings, table="plane"):
         window_radius: How far from a voxel the window for its normal reaches [voxel]; less than the paper's 3, so that
             the faces of furniture a few voxels wide keep normals of their own.
         max_angle: Smoothness threshold of the growth [deg].
-        max_curvature: Curvature threshold of the growth; a second pass with twice the value takes up thick walls.
+        max_curvature: Curvature threshold of the growth; a last pass with twice the value takes up thick walls.
         tolerance: Elements of a plane lie within this of it [voxel].
         max_rms: A segment with a larger rms distance is not a plane [voxel].
         merge_angle: Largest angle between planes that are merged [deg].
