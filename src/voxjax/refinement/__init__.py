@@ -1,8 +1,9 @@
 """Poses that minimise residuals between maps, with derivatives of what the solution depends on.
 
-`voxjax.refine` and `voxjax.refine_joint` are the verbs for maps; whoever brings terms of their own starts at
-`solve_pose`. Everything here is pure functions of arrays, safe under jit, vmap and grad; what is decided on the host
-(which voxels, which fields) is in `voxjax.refinement.maps.pair`.
+On the host: `voxjax.refine` (`refine.py`) and `voxjax.refine_joint` (`refine_joint.py`) are the verbs, `maps` makes
+their problems of maps (which voxels, which fields), `outcome` holds what they give. On arrays, safe under jit, vmap and
+grad: `residuals` (terms of the cost) and `solve` (solvers), whose names this package hands on. Users start at
+`voxjax.refine`, to which a `Term` of one's own is given as it is; whoever has arrays instead of maps at `solve_pose`.
 """
 
 from .residuals.distance import Distances

@@ -44,7 +44,8 @@ class Hypothesis(eqx.Module):
     Attributes:
         T_a_b: float32 (4, 4), maps points of b into a.
         score: Evidence score; comparable between hypotheses of one pair.
-        source: What proposed it: "corner", "virtual corner", "subgraph", "descriptor", "exhaustive", "guess".
+        source: What proposed it: "corner", "virtual corner", "subgraph", "descriptor", "exhaustive", "guess"
+            (`registration/hypotheses/proposals.py`).
         evidence: The counts behind the score.
     """
 

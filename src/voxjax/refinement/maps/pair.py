@@ -37,6 +37,9 @@ def checked_residuals(residuals: Mapping[str, float] | None) -> dict[str, float]
     Raises:
         InputError: If there is none, a kind is not known or a weight not positive.
     """
+    # A further name needs its term in `_term` below, what the term reads of the two maps in `parts.Target` and
+    # `parts.Points`, a field, if it reads one, in `field_tables`, and that field in `joint_tables` for many maps.
+    # A term that the caller builds needs none of this: `voxjax.refine(terms=...)` takes it as it is.
     known = ("planes", "distances", "occupancies")
     residuals = {"planes": 1.0} if residuals is None else dict(residuals)
     for kind, weight in residuals.items():

@@ -1,5 +1,7 @@
 """Candidate poses of map b in map a from four sources: corners, common subgraphs, descriptors, exhaustive search.
 
-This package is for `pipeline.hypotheses`, which asks the sources. Start at `proposals.admit` and the functions
-beside it, one for each source, then at the source that you want to know.
+Corners propose under two names, "corner" and "virtual corner", and a pose that the caller brings is a "guess": these
+are the six names of `registration.types.Hypothesis.source`. This package is for `pipeline.hypotheses`, which asks the
+sources. Start at `proposals.propose_exhaustively`, which decides most pairs alone, then at the `propose_` functions
+beside it; `proposals.admit` joins what they found.
 """

@@ -1,6 +1,10 @@
 """Hypotheses of a pair, source by source: each source is one function that gives `Proposals`.
 
 `admit` joins what several sources proposed and leaves out the poses that cannot be (`pose_range`).
+
+To add a source of hypotheses: write a `propose_` function here, give it a switch in `SourceConfig` (`settings.py`; a
+table of settings of its own is a field of `Config` too), ask it in a round of `pipeline/hypotheses.py`, and add the
+name that it gives its poses to the list of `Hypothesis.source` (`registration/types.py`).
 """
 
 from collections.abc import Sequence
