@@ -1,8 +1,8 @@
 """Poses that minimise residuals between maps, with derivatives of what the solution depends on.
 
 On the host: `voxjax.refine` (file refine.py) and `voxjax.refine_joint` (file refine_joint.py) are the verbs, `maps`
-makes problems of maps (which voxels, which fields), `outcome` holds what the verbs give. On arrays, safe under jit, vmap and
-grad: `residuals` (terms of the cost) and `solve` (solvers), whose names this package hands on. Users start at
+makes problems of maps (which voxels, which fields), `outcome` holds what the verbs give. On arrays, safe under jit,
+vmap and grad: `residuals` (terms of the cost) and `solve` (solvers), whose names this package hands on. Users start at
 `voxjax.refine`, to which a `Term` of one's own is given as it is; whoever has arrays instead of maps at `solve_pose`.
 """
 
