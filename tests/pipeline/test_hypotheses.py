@@ -7,7 +7,7 @@ from small_worlds import draw_map, pose
 from voxjax.pipeline.config import config_from
 from voxjax.pipeline.features import features_at
 from voxjax.pipeline.hypotheses import first_hypotheses, other_hypotheses
-from voxjax.pipeline.stages import Stages
+from voxjax.pipeline.stage_times import Stages
 from voxjax.registration.hypotheses.pose_range import PoseRange
 
 ALL = {"corners", "subgraph", "descriptors", "exhaustive"}

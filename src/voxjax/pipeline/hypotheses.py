@@ -14,7 +14,7 @@ from ..registration.hypotheses.proposals import (
     propose_subgraphs,
 )
 from .config import Config
-from .stages import Stages
+from .stage_times import Stages
 
 
 def first_hypotheses(

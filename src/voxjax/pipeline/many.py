@@ -17,7 +17,7 @@ from .memory_need import check_register_memory
 from .merged import Merge, Status
 from .pair import register, register_features
 from .pose_graph import chain_poses, loop_errors, spanning_tree
-from .stages import OnStage, Stages
+from .stage_times import OnStage, Stages
 
 
 def merge(

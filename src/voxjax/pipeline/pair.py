@@ -20,12 +20,12 @@ from ..registration.judging.leaders import find_leaders, merge_leaders
 from ..registration.judging.verdict import decide
 from ..registration.paper.register import register_paper
 from ..registration.types import Registration
+from .as_registration import nothing_found, registration_of
 from .config import Config, PoseConfig, config_from
 from .features import features_at, working_voxel_size
 from .hypotheses import first_hypotheses, other_hypotheses
 from .memory_need import check_register_memory
-from .outcome import nothing_found, registration_of
-from .stages import Stages
+from .stage_times import Stages
 
 
 def register(

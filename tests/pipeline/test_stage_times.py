@@ -2,7 +2,7 @@
 
 import pytest
 
-from voxjax.pipeline.stages import Stages
+from voxjax.pipeline.stage_times import Stages
 
 
 def test_stages_are_announced_in_order_and_measured_under_their_names():

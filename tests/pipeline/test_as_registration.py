@@ -3,7 +3,7 @@
 import numpy as np
 
 import voxjax as vx
-from voxjax.pipeline.outcome import evidence_of, nothing_found
+from voxjax.pipeline.as_registration import evidence_of, nothing_found
 from voxjax.registration.judging.judgement import Judgement
 
 
