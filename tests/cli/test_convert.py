@@ -18,10 +18,12 @@ def test_convert_and_back_gives_the_same_map(maps):
     np.testing.assert_allclose(first.origin, second.origin)
 
 
-def test_a_map_can_be_converted_in_place(maps):
+def test_a_map_is_never_converted_in_place(maps):
     assert main(["convert", "m0.npz", "m0.npz"]) == 2
-    assert main(["convert", "m0.npz", "m0.npz", "--voxel-size", "1.0", "--force"]) == 0
-    assert read_map("m0.npz").equals(cube_map(0).with_voxel_size(1.0))
+    assert main(["convert", "m0.npz", "m0.npz", "--voxel-size", "1.0", "--force"]) == 2
+    assert read_map("m0.npz").equals(cube_map(0))
+    assert main(["convert", "m0.npz", "m1.npz", "--voxel-size", "1.0", "--force"]) == 0
+    assert read_map("m1.npz").equals(cube_map(0).with_voxel_size(1.0))
 
 
 def test_devices_are_no_outputs_even_with_force(maps, capsys):

@@ -52,7 +52,7 @@ UNUSABLE = {
     "long name in": (["merge", "m0.npz", "x" * 300 + ".bt", "-o", "o.bt"], "File name too long"),
     "long name out": (["convert", "m0.npz", "x" * 300 + ".bt"], "File name too long"),
     "NUL in a name": (["info", "a\0b.npz"], "embedded null byte"),
-    "no name": (["info", ""], "is not known"),
+    "no name": (["info", ""], "is a folder; give the name of a file"),
     "folder in": (["merge", "m0.npz", ".", "-o", "o.bt"], "is a folder"),
     "folder out": (["merge", "m0.npz", "m1.npz", "-o", "folder.bt"], "is a folder"),
     "dangling out": (["convert", "m0.npz", "dangling.bt"], "leads nowhere"),

@@ -71,6 +71,38 @@ def test_without_trust_there_is_a_report_but_no_map_and_the_code_is_3(monkeypatc
     assert verdict in one_line(capsys)
 
 
+@pytest.mark.parametrize("report", [[], ["--report", "r.json"]])
+def test_a_refusal_says_each_thing_once_and_where_the_best_pose_is(monkeypatch, maps, capsys, report):
+    fake_register(monkeypatch, verdicts={(0, 1): "ambiguous"})
+    assert main(["merge", *maps[:2], "-o", "out.bt", *report, "-q"]) == 3
+    shown = capsys.readouterr()
+    assert shown.out.splitlines() == [
+        "m0.npz: not placed (ambiguous)",
+        "m1.npz: not placed (ambiguous)",
+        "m0.npz and m1.npz: ambiguous, confidence 0.90. The verdict is ambiguous.",
+    ]
+    hint = (
+        "the best pose of each pair is in the report, pairs[].T_a_b"
+        if report
+        else "give --report R.json to see the best pose of each pair"
+    )
+    assert shown.err == f"voxjax: no map written: m0.npz and m1.npz: ambiguous; {hint}.\n"
+
+
+def test_two_groups_of_maps_say_which_fit_whom(monkeypatch, maps, capsys):
+    fake_register(monkeypatch, verdicts={(0, 2): "no_overlap", (1, 2): "ambiguous"})
+    assert main(["merge", *maps, "-o", "out.bt", "-q"]) == 3
+    shown = capsys.readouterr()
+    assert "m2.npz: not placed (ambiguous)" in shown.out
+    assert "2 of 3 maps fit together, left out: m2.npz; use --allow-partial" in shown.err
+
+
+def test_a_disagreement_of_a_loop_names_its_maps(monkeypatch, maps, capsys):
+    fake_register(monkeypatch)
+    assert main(["merge", *maps, "-o", "out.bt", "-q"]) == 0
+    assert "loop check: m1.npz and m2.npz: 0.00 m and 0.00 deg off" in capsys.readouterr().out
+
+
 def test_a_stranger_needs_allow_partial(monkeypatch, maps, capsys):
     fake_register(monkeypatch, verdicts={(0, 1): "no_overlap", (1, 2): "no_overlap"})
     assert main(["merge", *maps, "-o", "out.bt", "-q"]) == 3

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from command_line import fake_register
+from command_line import fake_register, one_line
 from voxjax import InputError
 from voxjax.cli.main import main
 from voxjax.cli.outputs import check_outputs, json_bytes
@@ -36,6 +36,28 @@ def test_names_that_cannot_be_written_are_refused(folder, outputs, reason):
     Path("link.bt").symlink_to("nowhere")
     with pytest.raises(InputError, match=reason):
         check_outputs(outputs, force=False)
+
+
+@pytest.mark.parametrize("name", ["m0.npz", "./m0.npz", "link.npz"])
+def test_an_output_never_replaces_an_input(monkeypatch, maps, capsys, name):
+    fake = fake_register(monkeypatch)
+    Path("link.npz").symlink_to("m0.npz")
+    before = Path("m0.npz").read_bytes()
+    for command in (["merge", *maps, "-o", name], ["convert", "m0.npz", name]):
+        for force in ([], ["--force"]):
+            assert main([*command, *force]) == 2
+            assert one_line(capsys) == (
+                f"voxjax: {name} is one of the inputs, which are never replaced; use another name."
+            )
+    assert fake.calls == []
+    assert Path("m0.npz").read_bytes() == before
+
+
+def test_what_exists_is_said_with_the_option_of_the_command(maps, capsys):
+    assert main(["convert", "m0.npz", "m1.npz"]) == 2
+    assert one_line(capsys) == (
+        "voxjax: m1.npz exists already; use --force to overwrite it, or another name."
+    )
 
 
 def test_names_that_can_be_written_pass(folder):

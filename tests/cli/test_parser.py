@@ -40,6 +40,23 @@ def test_numbers_are_taken():
     assert whole_number("9223372036854775807") == 2**63 - 1
 
 
+@pytest.mark.parametrize(
+    ("arguments", "hint"),
+    [
+        (["merge", "a.bt", "b.bt", "-o", "c.bt", "--init-guess", "-1,0,0"], "write --init-guess=..."),
+        (["merge", "a.bt", "b.bt", "fused.bt"], "did you mean -o fused.bt?"),
+        (["corners", "a.bt", "c.csv"], "did you mean -o c.csv?"),
+        (["merge", "a.bt", "here.bt"], "required: -o/--output (see: voxjax merge --help)"),
+    ],
+)
+def test_common_slips_get_a_hint(folder, capsys, arguments, hint):
+    (folder / "here.bt").touch()
+    with pytest.raises(SystemExit) as stop:
+        parse(arguments)
+    assert stop.value.code == 2
+    assert hint in one_line(capsys)
+
+
 @pytest.mark.parametrize("option", ["--report", "--config", "--init-guess"])
 def test_an_option_without_a_value_is_refused(capsys, option):
     with pytest.raises(SystemExit) as stop:

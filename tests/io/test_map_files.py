@@ -34,6 +34,8 @@ def test_missing_files_and_folders_are_named(tmp_path):
     with pytest.raises(InputError, match=r"gone\.bt cannot be read: No such file"):
         vx.read_map(tmp_path / "gone.bt")
     (tmp_path / "folder.bt").mkdir()
+    with pytest.raises(InputError, match=r"is a folder; give the name of a file"):
+        vx.read_map(tmp_path)
     with pytest.raises(InputError, match=r"folder\.bt cannot be read"):
         vx.read_map(tmp_path / "folder.bt")
 

@@ -85,7 +85,7 @@ def test_a_stopped_program_leaves_nothing(tmp_path, monkeypatch, error):
 def test_nothing_is_overwritten_without_force(tmp_path):
     path = tmp_path / "a.bin"
     path.write_bytes(b"old")
-    with pytest.raises(InputError, match="exists already; use --force"):
+    with pytest.raises(InputError, match="exists already; give force=True"):
         write_file(path, b"new", force=False)
     assert path.read_bytes() == b"old"
     write_file(path, b"new", force=True)
@@ -119,7 +119,7 @@ def test_file_systems_without_links_serve_too(tmp_path, monkeypatch, force):
 def test_a_dangling_link_is_replaced_with_force_alone(tmp_path):
     link = tmp_path / "m.bt"
     link.symlink_to(tmp_path / "gone" / "m.bt")
-    with pytest.raises(InputError, match="is a link that leads nowhere; use --force"):
+    with pytest.raises(InputError, match="is a link that leads nowhere; give force=True"):
         write_file(link, b"new", force=False)
     assert link.is_symlink()
     write_file(link, b"new", force=True)

@@ -17,7 +17,9 @@ from .._checks import InputError, shown
 FilePath = str | os.PathLike
 
 
-def check_writable(path: FilePath, *, force: bool) -> Path:
+def check_writable(
+    path: FilePath, *, force: bool, advice: str = "give force=True to overwrite it, or another name"
+) -> Path:
     """Return `path` if a file may be written there; lets a command refuse before the work, not after it.
 
     A link counts as the file that it leads to, and is itself replaced.
@@ -25,6 +27,7 @@ def check_writable(path: FilePath, *, force: bool) -> Path:
     Args:
         path: Name of the file.
         force: Whether a file or a link of that name may be replaced.
+        advice: What to do where something of that name exists.
 
     Raises:
         InputError: If the folder is missing or not writable, the name is impossible or that of a folder, a device or
@@ -45,7 +48,7 @@ def check_writable(path: FilePath, *, force: bool) -> Path:
         raise InputError(f"{path}: the folder {path.parent} is not writable; choose another one.")
     if not force and os.path.lexists(path):
         what = "exists already" if target is not None else "is a link that leads nowhere"
-        raise InputError(f"{path} {what}; use --force (force=True) to overwrite it, or another name.")
+        raise InputError(f"{path} {what}; {advice}.")
     return path
 
 

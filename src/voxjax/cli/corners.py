@@ -15,7 +15,7 @@ from .streams import tell
 @kept_kernels()
 def run(args: argparse.Namespace) -> int:
     """Detect the corners of a map, write them and return the exit code."""
-    check_outputs([(args.output, (".csv",))], force=args.force)
+    check_outputs([(args.output, (".csv",))], force=args.force, inputs=[args.map])
     corners = detect_corners(
         read_map(args.map, voxel_size=args.voxel_size), virtual=args.virtual, preset=args.preset
     )

@@ -19,7 +19,7 @@ from ..pipeline.merged import Merge
 from ..pipeline.report import merge_report
 from ..synthetic import Team, simulate_team
 from ..view import draw_merge, encode_png
-from .merge import summary
+from .merge import refusal, summary
 from .outputs import check_outputs, json_bytes
 from .progress import Progress
 from .runtime import kept_kernels
@@ -33,7 +33,11 @@ def run(args: argparse.Namespace) -> int:
     folder = _folder(args.out)
     names = [f"robot_{n}.bt" for n in (1, 2, 3)]
     outputs = [*names, "fused.bt", "report.json", "picture.png"]
-    check_outputs([(str(folder / name), (Path(name).suffix,)) for name in outputs], force=args.force)
+    check_outputs(
+        [(str(folder / name), (Path(name).suffix,)) for name in outputs],
+        force=args.force,
+        advice="use --force to overwrite it, or another folder with --out",
+    )
     progress = Progress(quiet=args.quiet)
     progress("generate a building and scan it with three robots")
     team = simulate_team(args.seed, num_robots=3, overlap=0.2)
@@ -54,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
         tell(f"{name} against the truth: {found}")
     tell(f"{len(contents)} files in {folder}, {time.perf_counter() - start:.1f} s")
     if merged.status != "merged":
-        warn(f"not all maps were merged: {merged.reason}")
+        warn(f"not all maps were merged: {refusal(merged, names)}.")
         return 3
     return _judge(errors)
 

@@ -58,8 +58,7 @@ def run(args: argparse.Namespace) -> int:
         assert grid is not None
         tell(f"{args.output}: {grid!r}")
         return 0
-    hint = "" if merged.status == "no_overlap" else " Use --allow-partial to write the map of the others."
-    warn(f"no map written: {merged.reason}{hint}")
+    warn(f"no map written: {refusal(merged, args.maps)}{_hint(merged, has_report=args.report is not None)}.")
     return 3
 
 
@@ -67,18 +66,54 @@ def summary(merged: Merge, names: Sequence[str]) -> list[str]:
     """Lines for a person: where each map lies, and how the pairs came out."""
     lines = []
     for name, pose in zip(names, merged.poses, strict=True):
-        lines.append(f"{name}: {'fits none of the others' if pose is None else describe_pose(pose)}")
+        number = len(lines)
+        lines.append(f"{name}: {_why_unplaced(merged, number) if pose is None else describe_pose(pose)}")
     for a, b, registration in merged.pairs:
         lines.append(
-            f"maps {a} and {b}: {registration.verdict}, confidence {registration.confidence:.2f}. "
+            f"{names[a]} and {names[b]}: {registration.verdict}, confidence {registration.confidence:.2f}. "
             f"{registration.reason}".rstrip()
         )
     for loop in merged.loops:
         lines.append(
-            f"maps {loop.a} and {loop.b}: {loop.metres:.2f} m and {np.degrees(loop.radians):.2f} deg off the "
-            "poses chained through the other maps."
+            f"loop check: {names[loop.a]} and {names[loop.b]}: {loop.metres:.2f} m and "
+            f"{np.degrees(loop.radians):.2f} deg off the poses chained through the other maps."
         )
     return lines
+
+
+def refusal(merged: Merge, names: Sequence[str]) -> str:
+    """Why not all maps were merged, in words without a full stop; the reasons of the pairs stand in `summary`."""
+    left_out = [name for name, pose in zip(names, merged.poses, strict=True) if pose is None]
+    closest = merged.closest
+    if merged.status == "partial" or closest is None:
+        return (
+            f"{len(names) - len(left_out)} of {len(names)} maps fit together, left out: {', '.join(left_out)}"
+        )
+    a, b, registration = closest
+    verdict = f"{names[a]} and {names[b]}: {registration.verdict}"
+    return verdict if len(merged.pairs) == 1 else f"no two maps fit together; closest are {verdict}"
+
+
+def _hint(merged: Merge, *, has_report: bool) -> str:
+    """What can be done about a refusal, to stand behind it."""
+    hints = []
+    if merged.status == "partial":
+        hints.append("use --allow-partial to write the map of the others")
+    if any(registration.hypotheses for _, _, registration in merged.pairs):
+        hints.append(
+            "the best pose of each pair is in the report, pairs[].T_a_b"
+            if has_report
+            else "give --report R.json to see the best pose of each pair"
+        )
+    return "".join(f"; {hint}" for hint in hints)
+
+
+def _why_unplaced(merged: Merge, number: int) -> str:
+    """That a map has no pose, and the best verdict of the pairs that it is in."""
+    verdicts = {registration.verdict for a, b, registration in merged.pairs if number in (a, b)}
+    if "accepted" in verdicts:
+        return "not placed (accepted with maps that are themselves apart from the merged ones)"
+    return f"not placed ({'ambiguous' if 'ambiguous' in verdicts else 'no_overlap'})"
 
 
 def describe_pose(pose: np.ndarray) -> str:
@@ -107,7 +142,7 @@ def _check(args: argparse.Namespace) -> None:
         (args.picture, (".png",)),
         (args.html, (".html", ".htm")),
     ]
-    check_outputs(outputs, force=args.force)
+    check_outputs(outputs, force=args.force, inputs=[*args.maps, args.config, args.init_guess])
     if args.html is not None:
         check_page_support()
 

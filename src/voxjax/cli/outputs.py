@@ -1,6 +1,7 @@
 """Output files: refused before the work when they cannot be written."""
 
 import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -8,15 +9,25 @@ from .._checks import InputError
 from .._runtime.whole_files import check_writable
 
 
-def check_outputs(outputs: Sequence[tuple[str | None, tuple[str, ...]]], *, force: bool) -> None:
+def check_outputs(
+    outputs: Sequence[tuple[str | None, tuple[str, ...]]],
+    *,
+    force: bool,
+    inputs: Sequence[str | None] = (),
+    advice: str = "use --force to overwrite it, or another name",
+) -> None:
     """Refuse output names that cannot be written, before any work.
 
     Args:
         outputs: Each file name with the endings it may have; the name None is an output not asked for.
         force: Whether files that exist may be overwritten.
+        inputs: Names of the files that the command reads, None for one not given: no output may replace them, whatever
+            `force` says.
+        advice: What to do where a file exists.
 
     Raises:
-        InputError: If a folder is missing, an ending is unknown, two outputs have one name, or a file exists.
+        InputError: If a folder is missing, an ending is unknown, two outputs have one name, an output is an input, or a
+            file exists.
     """
     seen = set()
     for name, endings in outputs:
@@ -24,7 +35,9 @@ def check_outputs(outputs: Sequence[tuple[str | None, tuple[str, ...]]], *, forc
             continue
         if Path(name).suffix.lower() not in endings:
             raise InputError(f"{name}: the ending must be {' or '.join(endings)}.")
-        check_writable(name, force=force)
+        if any(_is_same_file(name, source) for source in inputs if source is not None):
+            raise InputError(f"{name} is one of the inputs, which are never replaced; use another name.")
+        check_writable(name, force=force, advice=advice)
         # Two names may lead to one place, as a.bt and ./a.bt do.
         try:
             place = Path(name).resolve()
@@ -33,6 +46,14 @@ def check_outputs(outputs: Sequence[tuple[str | None, tuple[str, ...]]], *, forc
         if place in seen:
             raise InputError(f"{name} is given for two outputs; use two names.")
         seen.add(place)
+
+
+def _is_same_file(name: str, other: str) -> bool:
+    """Whether both names lead to one file that exists, by links too."""
+    try:
+        return os.path.samefile(name, other)
+    except (OSError, ValueError):  # one of them leads to nothing; who reads or writes it says so
+        return False
 
 
 def json_bytes(value: dict) -> bytes:

@@ -1,6 +1,8 @@
 """The arguments of the command `voxjax`; imports nothing heavy."""
 
 import argparse
+import os
+import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
@@ -20,9 +22,27 @@ EXIT_CODES = """exit codes:
 class _Parser(argparse.ArgumentParser):
     """Says what is wrong with the arguments in one line instead of printing the whole usage."""
 
+    _given: Sequence[str] = ()
+
+    def parse_known_args(self, args=None, namespace=None):
+        """Parse as argparse does, and keep the arguments for a hint in `error`; each subcommand gets its own."""
+        self._given = list(sys.argv[1:] if args is None else args)
+        return super().parse_known_args(self._given, namespace)
+
     def error(self, message: str) -> NoReturn:
-        warn(f"{message} (see: {self.prog} --help)")
+        warn(f"{message}{_hint(message, self._given)} (see: {self.prog} --help)")
         self.exit(2)
+
+
+def _hint(message: str, given: Sequence[str]) -> str:
+    """What the user may have meant, to stand behind one of argparse's messages; often nothing."""
+    if message == "argument --init-guess: expected one argument":
+        return "; write --init-guess=... where the first number is negative"
+    last = given[-1] if given else ""
+    # A file that is not there cannot be an input, and has the place where other commands take their output.
+    if message.endswith("required: -o/--output") and os.path.splitext(last)[1] and not os.path.exists(last):
+        return f"; did you mean -o {last}?"
+    return ""
 
 
 def parse(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -127,7 +147,8 @@ def _add_merge(commands) -> None:
         "--init-guess",
         metavar="T",
         help="with two maps, a pose to try as well, mapping points of the second into the first: 16 numbers "
-        "(4x4, row by row) or 7 (x y z qx qy qz qw), in quotes, or the name of a text file that holds them",
+        "(4x4, row by row) or 7 (x y z qx qy qz qw), in quotes, or the name of a text file that holds them; "
+        "--init-guess=... where the first is negative",
     )
     command.add_argument(
         "--allow-partial", action="store_true", help="write the map also when some of the maps fit none"

@@ -13,7 +13,7 @@ from .streams import tell
 
 def run(args: argparse.Namespace) -> int:
     """Draw maps and return the exit code."""
-    check_outputs([(args.output, (".png",))], force=args.force)
+    check_outputs([(args.output, (".png",))], force=args.force, inputs=args.maps)
     grids = [read_map(path, voxel_size=args.voxel_size) for path in args.maps]
     for path, grid in zip(args.maps, grids, strict=True):
         if not grid.states.size:

@@ -98,6 +98,8 @@ def encode_map(path: str | os.PathLike, grid: VoxelGrid) -> bytes:
 
 def _ending(path: Path) -> str:
     ending = path.suffix.lower()
+    if ending not in _ENCODERS and path.is_dir():
+        raise InputError(f"{path} is a folder; give the name of a file.")
     if ending not in _ENCODERS:
         raise InputError(
             f"{path}: the ending {ending!r} is not known; "

@@ -62,5 +62,9 @@ class Merge(eqx.Module):
             return (
                 f"{len(self.poses) - len(left_out)} of {len(self.poses)} maps were merged; left out: {names}."
             )
-        closest = max(self.pairs, key=lambda pair: (pair[2].confidence, pair[2].best_score), default=None)
-        return "No two maps fit together." if closest is None else closest[2].reason
+        return "No two maps fit together." if self.closest is None else self.closest[2].reason
+
+    @property
+    def closest(self) -> tuple[int, int, Registration] | None:
+        """The pair with the highest confidence, then the best evidence; None where no pair was tried."""
+        return max(self.pairs, key=lambda pair: (pair[2].confidence, pair[2].best_score), default=None)

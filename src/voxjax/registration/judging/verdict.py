@@ -157,6 +157,6 @@ def _why_unsure(chance: np.ndarray, shown: str) -> str:
     if rival > none:
         return (
             "Another pose explains the maps almost as well "
-            f"(probability {rival:.2f}, not {confidence:.2f}): {shown}."
+            f"(probability {rival:.2f}, against {confidence:.2f} of the best): {shown}."
         )
     return f"The maps agree too little to be sure of a pose (probability {confidence:.2f}): {shown}."
