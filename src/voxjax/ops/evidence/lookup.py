@@ -25,7 +25,7 @@ class Block(NamedTuple):
 
     dims: Int32[Array, "3"]
     origin: Float32[Array, "3"]
-    voxel_size: Float32[Array, ""]
+    voxel_size: Float32[Array, ""] | np.floating | float
 
     @classmethod
     def of(cls, dims: Array, origin: Array, voxel_size: Array | np.generic | float) -> "Block":
