@@ -139,8 +139,7 @@ def refine_joint(
         found = found._replace(poses=T, cost_before=before, cost_after=after)
 
     # Covariances come from what planes fix, given the maps that are held.
-    num_voxels = np.zeros(len(grids), dtype)
-    num_voxels[list(filled)] = [prepared.num_points for prepared in filled.values()]
+    num_voxels = np.asarray([view.prepared.num_points if view is not None else 0 for view in views], dtype)
     covariance, slides = _spread(planes, found.poses, scales, num_voxels, np.asarray(voxel, dtype))
     return JointRefinement(
         # Maps that are held have their pose to the bit, which the shift there and back would not give.
