@@ -19,6 +19,7 @@ SOURCE = ROOT / "src" / "voxjax"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 ARCHITECTURE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 HOW_IT_WORKS = (ROOT / "docs" / "how-it-works.md").read_text(encoding="utf-8")
+RUNNING = (ROOT / "docs" / "running.md").read_text(encoding="utf-8")
 
 NAMES = [
     "read_map",
@@ -171,7 +172,9 @@ def test_functions_and_packages_that_the_pages_name_exist():
         assert callable(found) or inspect.ismodule(found), name
 
 
-@pytest.mark.parametrize("page", [README, HOW_IT_WORKS], ids=["README.md", "how-it-works.md"])
+@pytest.mark.parametrize(
+    "page", [README, HOW_IT_WORKS, RUNNING], ids=["README.md", "how-it-works.md", "running.md"]
+)
 def test_the_python_of_the_pages_uses_names_that_exist(page):
     blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     assert blocks
