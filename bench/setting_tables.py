@@ -19,7 +19,7 @@ def _section(group: Settings) -> str:
     entries = re.findall(r"^    (\w+): (.*(?:\n {8,}.*)*)", attributes, re.MULTILINE)
     said = {key: " ".join(sentence.split()) for key, sentence in entries}
     rows = [
-        f"| `{field.name}` | {_value(field.default)} | {_range(field)} | {said[field.name]} |"
+        f"| `{field.name}` | {_value(getattr(group, field.name))} | {_range(field)} | {said[field.name]} |"
         for field in dataclasses.fields(group)
     ]
     head = [
