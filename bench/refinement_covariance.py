@@ -10,8 +10,8 @@ import voxjax as vx
 from bench.refinement_cases import starts_of
 from bench.refinement_parts import Plan, Row
 from voxjax.maps.prepared import prepare_map
-from voxjax.refinement.maps.pair import pose_problem
-from voxjax.refinement.residuals.pairs import tangent_between
+from voxjax.refinement.problems.pair import pose_problem
+from voxjax.refinement.residuals.known import tangent_between
 from voxjax.refinement.solve.covariance import MAP_ACCURACY, PATCH_VOXELS, plane_information
 from voxjax.refinement.solve.noise import implicit_covariance
 

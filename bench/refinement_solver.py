@@ -25,9 +25,9 @@ from voxjax import use_compilation_cache
 from voxjax._runtime.compilation_cache import PROGRAMS
 from voxjax._runtime.programs import keep_programs
 from voxjax.maps.prepared import prepare_map
-from voxjax.refinement.maps.coarse_to_fine import robust_scales
-from voxjax.refinement.maps.many_starts import solve_starts
-from voxjax.refinement.maps.pair import as_dtype, pose_problem
+from voxjax.refinement.problems.coarse_to_fine import robust_scales
+from voxjax.refinement.problems.many_starts import solve_starts
+from voxjax.refinement.problems.pair import as_dtype, pose_problem
 from voxjax.refinement.solve.pose import RefinedPose, solve_pose
 from voxjax.refinement.solve.problem import PoseProblem
 

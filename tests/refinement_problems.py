@@ -6,9 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from oracles.motions import nudged, random_pose
-from voxjax.refinement.maps.pair import pose_problem
+from voxjax.refinement.problems.pair import pose_problem
+from voxjax.refinement.residuals.known import CornerPairs
 from voxjax.refinement.residuals.losses import Loss
-from voxjax.refinement.residuals.pairs import CornerPairs
 from voxjax.refinement.solve.joint_problem import JointProblem, edges_of
 from voxjax.refinement.solve.problem import PoseProblem
 

@@ -19,7 +19,7 @@ from oracles import sliding_window
 from small_worlds import OTHER_FURNITURE, OTHER_ROOMS, draw_map, pose
 from voxjax.maps.prepared import prepare_map
 from voxjax.ops import box_count, window_classes
-from voxjax.refinement.maps.pair import pose_problem
+from voxjax.refinement.problems.pair import pose_problem
 from voxjax.refinement.solve.pose import solve_pose
 
 pytestmark = pytest.mark.gpu

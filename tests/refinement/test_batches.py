@@ -9,8 +9,8 @@ import pytest
 import voxjax as vx
 from oracles.motions import nudged, pose_error
 from oracles.rooms import VOXEL
-from voxjax.refinement.maps.many_starts import solve_starts
-from voxjax.refinement.maps.pair import pose_problem
+from voxjax.refinement.problems.many_starts import solve_starts
+from voxjax.refinement.problems.pair import pose_problem
 from voxjax.refinement.refine import refine
 from voxjax.refinement.residuals.terms import Term
 from voxjax.refinement.solve.pose import solve_pose

@@ -14,9 +14,9 @@ from derivatives import derivatives_at
 from oracles.motions import nudged
 from oracles.rooms import VOXEL
 from voxjax.fusion.rules import log_odds_of_states
-from voxjax.refinement.maps.pair import as_dtype, pose_problem
-from voxjax.refinement.maps.views import soft_map
-from voxjax.refinement.residuals.pairs import Prior, tangent_between
+from voxjax.refinement.problems.pair import as_dtype, pose_problem
+from voxjax.refinement.problems.views import soft_map
+from voxjax.refinement.residuals.known import Prior, tangent_between
 from voxjax.refinement.solve.equations import move_about
 from voxjax.refinement.solve.pose import solve_pose
 from voxjax.refinement.solve.problem import PoseProblem

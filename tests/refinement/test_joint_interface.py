@@ -11,11 +11,11 @@ from oracles.motions import moved, nudged, pose_error
 from oracles.rooms import VOXEL
 from refinement_problems import KINDS, LOOP, starts_near
 from voxjax.fusion.rules import log_odds_of_states
-from voxjax.refinement.maps.joint import joint_problem
-from voxjax.refinement.maps.joint_pairs import checked_terms, with_named
-from voxjax.refinement.maps.views import soft_map
+from voxjax.refinement.problems.joint import joint_problem
+from voxjax.refinement.problems.joint_pairs import checked_terms, with_named
+from voxjax.refinement.problems.views import soft_map
 from voxjax.refinement.refine_joint import refine_joint
-from voxjax.refinement.residuals.pairs import CornerPairs, Prior
+from voxjax.refinement.residuals.known import CornerPairs, Prior
 from voxjax.refinement.solve.joint import solve_joint
 
 POINTS = 256

@@ -1,15 +1,15 @@
 """Poses that minimise residuals between maps, with derivatives of what the solution depends on.
 
-On the host: `voxjax.refine` (file refine.py) and `voxjax.refine_joint` (file refine_joint.py) are the verbs, `maps`
-makes problems of maps (which voxels, which fields), `outcome` holds what the verbs give. On arrays, safe under jit,
-vmap and grad: `residuals` (terms of the cost) and `solve` (solvers), whose names this package hands on. Users start at
+On the host: `voxjax.refine` (file refine.py) and `voxjax.refine_joint` (file refine_joint.py) are the verbs,
+`problems` makes problems of maps (which voxels, which fields), `outcome` holds what they give. On arrays, safe under
+jit, vmap and grad: `residuals` (terms of the cost) and `solve` (solvers); this package has their names. Users start at
 `voxjax.refine`, to which a `Term` of one's own is given as it is; whoever has arrays instead of maps at `solve_pose`.
 """
 
 from .residuals.distance import Distances
+from .residuals.known import CornerPairs, Prior
 from .residuals.losses import Loss
 from .residuals.occupancy import Occupancies
-from .residuals.pairs import CornerPairs, Prior
 from .residuals.planes import NearestSurface, PointToPlane, Sample
 from .residuals.terms import Level, PointTerm, Term
 from .solve.covariance import pose_covariance

@@ -11,12 +11,12 @@ from .._runtime.threads import spread
 from .._types import Array
 from ..grid import VoxelGrid
 from ..maps.prepared import PreparedMap
-from .maps.coarse_to_fine import better, checked_distances, coarse_levels, scales_in_reach
-from .maps.many_starts import solve_starts
-from .maps.pair import check_options, checked_residuals, pose_problem
-from .maps.starts import checked_start, lead_pose
-from .maps.views import views_of
 from .outcome import Refinement, how_it_ended, unrefined_pose
+from .problems.coarse_to_fine import better, checked_distances, coarse_levels, scales_in_reach
+from .problems.many_starts import solve_starts
+from .problems.pair import check_options, checked_residuals, pose_problem
+from .problems.starts import checked_start, lead_pose
+from .problems.views import views_of
 from .residuals.losses import Loss
 from .residuals.terms import Term
 from .solve.covariance import PATCH_VOXELS, pose_covariance
@@ -48,7 +48,7 @@ def refine(
     of both maps; in whatever floats in `terms`; and in the start where a term holds it (`refinement.Prior`),
     because otherwise the solution does not depend on its start. Which voxels are used, and which is nearest, is decided
     by the states, and is constant. For more (weights of points, parameters of residuals, pairs under vmap) make a
-    `refinement.maps.pair.pose_problem` and give it to `refinement.solve.pose.solve_pose`.
+    `refinement.problems.pair.pose_problem` and give it to `refinement.solve.pose.solve_pose`.
 
     Args:
         a: The map whose frame the pose maps into.

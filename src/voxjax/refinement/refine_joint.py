@@ -12,9 +12,10 @@ from .._results import RESULTS
 from .._types import Array
 from ..grid import VoxelGrid
 from ..maps.prepared import PreparedMap
-from .maps.coarse_to_fine import CoarseLevel, better, checked_distances, coarse_levels, scales_in_reach
-from .maps.joint import joint_maps
-from .maps.joint_pairs import (
+from .outcome import JointRefinement, how_it_ended, unrefined_poses
+from .problems.coarse_to_fine import CoarseLevel, better, checked_distances, coarse_levels, scales_in_reach
+from .problems.joint import joint_maps
+from .problems.joint_pairs import (
     Pair,
     check_map,
     checked_pairs,
@@ -24,10 +25,9 @@ from .maps.joint_pairs import (
     overlapping_pairs,
     with_named,
 )
-from .maps.pair import check_options, checked_residuals
-from .maps.starts import checked_starts, lead_poses, values_of_start
-from .maps.views import views_of
-from .outcome import JointRefinement, how_it_ended, unrefined_poses
+from .problems.pair import check_options, checked_residuals
+from .problems.starts import checked_starts, lead_poses, values_of_start
+from .problems.views import views_of
 from .residuals.losses import Loss
 from .residuals.terms import Term
 from .solve.joint import solve_joint
@@ -59,7 +59,7 @@ def refine_joint(
     The poses are differentiable (`jax.grad`, `jax.jvp`) by the implicit function theorem: with `soft`, in the log-odds
     of all maps, and in whatever floats in `terms`. Starts count as constants: the solution does not depend on them.
     Which pairs there are, which voxels are used, and which is nearest, is decided by the states and the starts. For
-    more make a `refinement.maps.joint.joint_problem` and give it to `refinement.solve_joint`.
+    more make a `refinement.problems.joint.joint_problem` and give it to `refinement.solve_joint`.
 
     Args:
         grids: The maps, at least two.

@@ -5,8 +5,8 @@ import pytest
 import voxjax as vx
 from oracles.rooms import VOXEL
 from voxjax.maps.prepared import prepare_map
-from voxjax.refinement.maps.parts import radius_of, sample_of, surface_of
-from voxjax.refinement.maps.views import hard_view
+from voxjax.refinement.problems.parts import radius_of, sample_of, surface_of
+from voxjax.refinement.problems.views import hard_view
 from voxjax.refinement.residuals.losses import Loss
 from voxjax.refinement.residuals.planes import SLIDE_WEIGHT, PointToPlane, Sample
 from voxjax.refinement.residuals.terms import Level

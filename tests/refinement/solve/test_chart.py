@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from oracles.motions import random_pose
-from voxjax.refinement.residuals.pairs import tangent_between
+from voxjax.refinement.residuals.known import tangent_between
 from voxjax.refinement.solve.chart import chart_about
 
 

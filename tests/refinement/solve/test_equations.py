@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from voxjax import rigid
-from voxjax.refinement.maps.pair import pose_problem
+from voxjax.refinement.problems.pair import pose_problem
 from voxjax.refinement.residuals.losses import robust_slope
 from voxjax.refinement.residuals.terms import Level, PointTerm
 from voxjax.refinement.solve.equations import move_about, pose_equations

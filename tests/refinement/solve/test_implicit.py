@@ -13,7 +13,7 @@ from voxjax.refinement.solve.implicit import by_conjugate_gradients, by_pseudo_i
 
 KERNELS = """
 import jax, jax.numpy as jnp, numpy as np
-from voxjax.refinement.residuals.pairs import CornerPairs
+from voxjax.refinement.residuals.known import CornerPairs
 from voxjax.refinement.solve.joint import solve_joint
 from voxjax.refinement.solve.joint_problem import JointProblem, edges_of
 from voxjax.refinement.solve.noise import implicit_covariance

@@ -6,7 +6,7 @@ import pytest
 
 from derivatives import derivatives_at
 from refinement_problems import corner_problem
-from voxjax.refinement.maps.joint import joint_problem
+from voxjax.refinement.problems.joint import joint_problem
 from voxjax.refinement.solve.joint import solve_joint
 
 

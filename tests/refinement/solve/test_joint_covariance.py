@@ -4,8 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from oracles.rooms import VOXEL
-from voxjax.refinement.maps.joint import joint_problem
-from voxjax.refinement.maps.pair import pose_problem
+from voxjax.refinement.problems.joint import joint_problem
+from voxjax.refinement.problems.pair import pose_problem
 from voxjax.refinement.solve.covariance import PATCH_VOXELS, pose_covariance
 from voxjax.refinement.solve.joint_covariance import joint_covariance
 

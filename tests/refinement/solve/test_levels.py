@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from voxjax.refinement.residuals.pairs import CornerPairs
+from voxjax.refinement.residuals.known import CornerPairs
 from voxjax.refinement.solve.levels import no_worse
 from voxjax.refinement.solve.problem import PoseProblem
 

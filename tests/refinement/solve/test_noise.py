@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from oracles.rooms import VOXEL
-from voxjax.refinement.maps.pair import pose_problem
+from voxjax.refinement.problems.pair import pose_problem
 from voxjax.refinement.refine import refine
 from voxjax.refinement.solve.noise import implicit_covariance
 

@@ -2,7 +2,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from compilations import assert_compiles_nothing
-from voxjax.refinement.maps.pair import pose_problem
+from voxjax.refinement.problems.pair import pose_problem
 from voxjax.refinement.solve.pose import solve_pose
 
 POINTS = 2048

@@ -1,6 +1,6 @@
 import jax
 
-from voxjax.refinement.maps.pair import pose_problem
+from voxjax.refinement.problems.pair import pose_problem
 
 POINTS = 2048
 

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from oracles.motions import nudged
-from voxjax.refinement.residuals.pairs import CornerPairs
+from voxjax.refinement.residuals.known import CornerPairs
 from voxjax.refinement.solve.pose import solve_pose
 from voxjax.refinement.solve.problem import PoseProblem
 

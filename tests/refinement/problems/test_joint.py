@@ -6,8 +6,8 @@ import numpy as np
 
 from oracles.rooms import VOXEL
 from refinement_problems import KINDS, LOOP, starts_near
-from voxjax.refinement.maps.joint import joint_problem
-from voxjax.refinement.maps.pair import pose_problem
+from voxjax.refinement.problems.joint import joint_problem
+from voxjax.refinement.problems.pair import pose_problem
 from voxjax.refinement.residuals.terms import Level
 from voxjax.refinement.solve.joint_equations import relative_pose
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from voxjax import InputError
-from voxjax.refinement.maps.pair import checked_residuals, pose_problem
+from voxjax.refinement.problems.pair import checked_residuals, pose_problem
 from voxjax.refinement.residuals.distance import Distances
 from voxjax.refinement.residuals.occupancy import Occupancies
 from voxjax.refinement.residuals.planes import PointToPlane

@@ -7,8 +7,8 @@ import pytest
 import voxjax as vx
 from oracles.motions import pose_error
 from oracles.rooms import VOXEL
-from voxjax.refinement.maps.many_starts import solve_starts
-from voxjax.refinement.maps.pair import as_dtype, pose_problem
+from voxjax.refinement.problems.many_starts import solve_starts
+from voxjax.refinement.problems.pair import as_dtype, pose_problem
 from voxjax.refinement.refine import refine
 
 POINTS = 512

@@ -5,7 +5,7 @@ import pytest
 
 from oracles.motions import nudged, pose_error
 from oracles.rooms import VOXEL
-from voxjax.refinement.maps.coarse_to_fine import coarse_factors
+from voxjax.refinement.problems.coarse_to_fine import coarse_factors
 from voxjax.refinement.refine import refine
 
 POINTS = 512

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 
 from refinement_problems import KINDS, LOOP
-from voxjax.refinement.maps.joint import joint_problem
+from voxjax.refinement.problems.joint import joint_problem
 
 POINTS = 256
 

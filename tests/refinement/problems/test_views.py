@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from voxjax import InputError, VoxelGrid
-from voxjax.refinement.maps.views import as_view, hard_view, soft_map, views_of
+from voxjax.refinement.problems.views import as_view, hard_view, soft_map, views_of
 
 
 def test_certain_log_odds_see_what_the_states_see(room):

@@ -2,7 +2,7 @@ import itertools
 
 import numpy as np
 
-from voxjax.refinement.maps.joint_pairs import connected_parts, overlapping_pairs
+from voxjax.refinement.problems.joint_pairs import connected_parts, overlapping_pairs
 
 
 def test_maps_that_overlap_are_found(team):

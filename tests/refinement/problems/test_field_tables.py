@@ -4,9 +4,9 @@ import numpy as np
 from scipy import ndimage
 
 from voxjax.maps.prepared import FIELD_RADIUS
-from voxjax.refinement.maps.field_tables import distance_field_of, opinion_field_of
-from voxjax.refinement.maps.parts import surface_of
-from voxjax.refinement.maps.views import hard_view
+from voxjax.refinement.problems.field_tables import distance_field_of, opinion_field_of
+from voxjax.refinement.problems.parts import surface_of
+from voxjax.refinement.problems.views import hard_view
 
 
 def values_of(field, grid):

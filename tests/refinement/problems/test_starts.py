@@ -7,7 +7,7 @@ import pytest
 
 from oracles.motions import random_pose
 from voxjax import InputError
-from voxjax.refinement.maps.starts import checked_start, checked_starts, lead_pose, values_of_start
+from voxjax.refinement.problems.starts import checked_start, checked_starts, lead_pose, values_of_start
 
 POSES = [random_pose(np.random.default_rng(seed)) for seed in range(3)]
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from voxjax.refinement.maps.parts import centre_of, points_of, radius_of, sample_of, target_of
-from voxjax.refinement.maps.views import hard_view
+from voxjax.refinement.problems.parts import centre_of, points_of, radius_of, sample_of, target_of
+from voxjax.refinement.problems.views import hard_view
 
 
 def test_samples_are_voxels_of_the_map_with_equal_weights(prepared):

@@ -5,7 +5,7 @@ import numpy as np
 
 from oracles.motions import moved
 from oracles.refinement import loss_of
-from voxjax.refinement.residuals.pairs import CornerPairs, Prior, tangent_between
+from voxjax.refinement.residuals.known import CornerPairs, Prior, tangent_between
 from voxjax.refinement.residuals.terms import Level
 from voxjax.refinement.solve.equations import move_about
 
