@@ -254,7 +254,7 @@ def test_motions_that_go_too_far_are_refused():
             make_grid().transformed(T)
     T[0, 3] = 1e11
     fine = VoxelGrid(np.full((1, 1, 1), 2, np.uint8), np.zeros(3), 1e-6)
-    with pytest.raises(InputError, match="check its pose"):
+    with pytest.raises(InputError, match="check the poses, or choose an origin near"):
         fine.transformed(T)
 
 
@@ -295,3 +295,30 @@ def test_a_map_that_float32_cannot_place_is_refused():
             vx.detect_corners(_room(origin))
         with pytest.raises(InputError, match="choose an origin near the map"):
             vx.refine(_room(0.0), _room(origin), np.eye(4))
+
+
+def test_what_float32_cannot_place_to_within_half_a_voxel_is_refused(tmp_path):
+    grid = VoxelGrid(np.full((3, 3, 3), 2, np.uint8), np.zeros(3), 0.1)
+    far = np.eye(4)
+    far[0, 3] = 5000000.3
+    far_grid = VoxelGrid(grid.states, far[:3, 3], 0.1)
+    vx.write_map(tmp_path / "far.npz", far_grid)
+    for make in (
+        lambda: VoxelGrid.from_points(far[None, :3, 3], voxel_size=0.1),
+        lambda: grid.transformed(far),
+        lambda: far_grid.with_voxel_size(0.05),
+        lambda: vx.fuse([grid], [far]),
+        lambda: vx.fuse([far_grid], [np.eye(4)]),
+        lambda: vx.fuse([grid], [np.eye(4)], interpolation="trilinear", onto=far_grid),
+        lambda: vx.read_map(tmp_path / "far.npz"),
+    ):
+        with pytest.raises(InputError, match=r"placed in steps of 0\.5 m only \(float32\)"):
+            make()
+
+
+def test_a_step_of_float32_that_is_no_longer_than_a_voxel_is_not_refused():
+    far = np.eye(4)
+    far[0, 3] = 5000000.0
+    grid = VoxelGrid(np.full((3, 3, 3), 2, np.uint8), np.zeros(3), 0.5)
+    assert grid.transformed(far).origin[0] == vx.fuse([grid], [far]).origin[0] == 5000000.0
+    assert VoxelGrid.from_points(far[None, :3, 3], voxel_size=0.5).origin[0] == 5000000.0

@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 from ._checks import InputError, check_count, check_pose, check_three_axes, check_voxel_size, shown
 from ._grid_arrays import as_float32, as_states, check_log_odds, check_origin, check_states
 from ._types import FREE, OCCUPIED, UNKNOWN, Array
-from .ops.resampling.lattice import origin_in_voxels
+from .ops.resampling.lattice import check_places, origin_in_voxels
 from .ops.resampling.raycast import grid_from_points
 from .ops.resampling.rescale import rescale_states
 from .ops.resampling.rigid import resample_rigid
@@ -258,10 +258,4 @@ def check_resolution(grid: VoxelGrid) -> None:
     Raises:
         InputError: If the map lies too far from the origin of its frame.
     """
-    farthest = float(np.abs(grid.extent).max())
-    step = float(np.spacing(np.float32(farthest)))
-    if step > grid.voxel_size / 4:
-        raise InputError(
-            f"a map with voxels of {grid.voxel_size:g} m that reaches {farthest:.4g} m from the origin of its frame is "
-            f"placed in steps of {step:.2g} m only (float32); choose an origin near the map."
-        )
+    check_places(np.stack(grid.extent), grid.voxel_size, most=0.25)

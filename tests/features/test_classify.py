@@ -47,7 +47,16 @@ def test_only_occupied_voxels_have_a_class():
     assert classify_voxels(np.zeros((0, 3, 3), bool)).shape == (0, 3, 3)
 
 
-@pytest.mark.parametrize("options", [{"shift": 0}, {"min_change": 0}, {"min_change": 101}, {"size": 4}])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"shift": 0},
+        {"shift": 20_000_000},
+        {"min_change": 0},
+        {"min_change": 101},
+        {"size": 4},
+    ],
+)
 def test_options_that_cannot_be_are_refused(options):
     with pytest.raises(InputError, match=next(iter(options))):
         classify_voxels(np.zeros((9, 9, 9), bool), **options)

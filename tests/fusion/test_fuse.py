@@ -170,7 +170,7 @@ def test_a_pose_that_overflows_is_refused_and_no_map_is_left_out(distance, turn,
     # So it is without another map, however small its voxels.
     far[1, 3] = 1e11
     fine = VoxelGrid(np.asarray(grid.states), np.zeros(3), 1e-6)
-    with pytest.raises(InputError, match="check its pose"):
+    with pytest.raises(InputError, match="check the poses, or choose an origin near"):
         vx.fuse([fine], [far])
 
 

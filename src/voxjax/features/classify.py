@@ -3,8 +3,9 @@
 import jax.numpy as jnp
 from jaxtyping import UInt8
 
-from .._checks import InputError
+from .._checks import InputError, check_count, shown
 from .._types import Array
+from ..ops.window.box import check_shift, check_size
 from ..ops.window.classes import Occupied, window_classes
 
 EMPTY, FLAT, EDGE, CORNER = 0, 1, 2, 3
@@ -24,7 +25,7 @@ def classify_voxels(
     Args:
         occupied: True (or not 0) where a voxel is occupied.
         size: Window edge [voxel]; odd.
-        shift: Voxels moved along each axis of a direction; the default takes the window off a face that it was
+        shift: Voxels moved along each axis of a direction, 1 to 64; the default takes the window off a face that it was
             centred on.
         min_change: Significant change [per cent of the count], 1 to 100.
 
@@ -32,10 +33,10 @@ def classify_voxels(
         uint8: 0 not occupied, 1 flat, 2 edge, 3 corner.
 
     Raises:
-        InputError: If `shift` is below 1 or `min_change` outside 1 to 100.
+        InputError: If `occupied` is no grid, or a number is out of its range.
     """
-    if shift < 1:
-        raise InputError(f"shift must be 1 voxel or more, got {shift!r}.")
-    if not 1 <= min_change <= 100:
-        raise InputError(f"min_change must be a percentage from 1 to 100, got {min_change!r}.")
+    # Before the kernel: whatever cannot be hashed is no static argument of one.
+    size, shift = check_size(size), check_shift(shift)
+    if check_count("min_change", min_change, 1) > 100:
+        raise InputError(f"min_change must be a percentage from 1 to 100, got {shown(min_change)}.")
     return window_classes(occupied, jnp.int32(min_change), size=size, shift=shift)

@@ -10,7 +10,7 @@ import numpy as np
 from .._checks import InputError, check_choice, check_pose, check_voxel_size
 from .._runtime.memory import check_memory
 from ..grid import VoxelGrid
-from ..ops.resampling.lattice import check_num_voxels, moved_bounds, origin_of_cell
+from ..ops.resampling.lattice import check_num_voxels, check_places, moved_bounds, origin_of_cell
 from ..ops.resampling.rigid import chunk_size, flat_source, lookup_chunk, source_from_target, take_flat
 from .rules import RULES, fuse_keep, fuse_log_odds, fuse_paper, log_odds_of_states
 from .soft import Lattice, check_soft_pose, fuse_soft, is_traced, soft_fuse_memory
@@ -122,6 +122,10 @@ def _fuse_trilinear(
     else:
         target = _chosen_lattice(grids, matrices, voxel_size)
     check_num_voxels(np.asarray(target.shape), "the fused map", _ADVICE)
+    low = np.asarray(target.origin)
+    check_places(
+        np.stack([low, low + np.float32(target.voxel_size) * np.float32(target.shape)]), target.voxel_size
+    )
     need = soft_fuse_memory(int(np.prod(target.shape)), [grid.states.size for grid in grids])
     check_memory(need, f"a soft fused map of {' x '.join(map(str, target.shape))} voxels", _ADVICE)
     states, log_odds = fuse_soft([_coarsened(grid, target.voxel_size) for grid in grids], matrices, target)

@@ -3,9 +3,12 @@
 import os
 from pathlib import Path
 
+import numpy as np
+
 from .._checks import InputError
 from .._runtime.whole_files import write_file
 from ..grid import VoxelGrid
+from ..ops.resampling.lattice import check_places
 from ..ops.resampling.raycast import grid_from_points
 from .budget import Budget
 from .files import read_bytes
@@ -61,6 +64,7 @@ def read_map(
                 f"sensor_origins and max_range belong to clouds (.ply), not to {ending} maps; leave them out"
             )
         grid = _DECODERS[ending](read_bytes(path), max_voxels=max_voxels)
+        check_places(np.stack(grid.extent), grid.voxel_size)
         return grid if voxel_size is None else grid.with_voxel_size(voxel_size)
     except InputError as error:
         raise InputError(f"{path} cannot be read: {str(error).removesuffix('.')}.") from error

@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from oracles import sliding_window
 from voxjax._checks import InputError
-from voxjax.ops.window.box import box_count
+from voxjax.ops.window.box import box_count, check_occupied
 
 IMPLEMENTATIONS = ("separable", "packed", "summed_area")
 
@@ -109,3 +109,8 @@ def test_default_implementation_counts_too():
 def test_unknown_implementation_is_refused():
     with pytest.raises(InputError, match="implementation"):
         box_count(np.zeros((3, 3, 3), bool), implementation="magic")
+
+
+def test_lists_are_refused_in_one_sentence():
+    with pytest.raises(InputError, match="occupied must be an array, got a list"):
+        check_occupied([[[True]]])

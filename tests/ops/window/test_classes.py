@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from oracles import sliding_window
+from voxjax._checks import InputError
 from voxjax.ops.window.classes import (
     count_change,
     count_steady_directions,
@@ -90,3 +91,11 @@ def test_grids_without_voxels_have_no_classes(shape):
     grid = np.zeros(shape, bool)
     assert window_classes(grid, np.int32(20)).shape == shape
     assert count_change(grid).shape == (*shape, 13)
+
+
+@pytest.mark.parametrize("shift", [0, 65, 20_000_000])
+@pytest.mark.parametrize("kernel", [count_change, count_steady_directions, window_classes])
+def test_moves_that_would_pad_the_grid_without_end_are_refused(kernel, shift):
+    arguments = () if kernel is count_change else (np.int32(20),)
+    with pytest.raises(InputError, match="shift must be"):
+        kernel(np.zeros((2, 2, 2), bool), *arguments, shift=shift)

@@ -59,7 +59,7 @@ def moved_bounds(
         Lowest cell and one past the highest, int64 (3,) each; equal when nothing is known.
 
     Raises:
-        InputError: If the moved grid lies so far away that float64 tells its cells no longer apart.
+        InputError: If the moved grid, or the pose, lies so far away that float32 cannot place its cells.
     """
     # A rotation this near to one of the 24 of the cube is that one: its box is not to grow by rounding.
     is_cube_rotation = 1e-5
@@ -77,7 +77,10 @@ def moved_bounds(
     moved = ((centres + base) @ rotation.T) * voxel_size + matrix[:3, 3]
     reach = np.abs(rotation) @ half * voxel_size
     low, high = moved.min(axis=0) - reach, moved.max(axis=0) + reach
-    _check_whole_cells(low, high, target_voxel_size)
+    advice = "check the poses, or choose an origin near the map"
+    # What comes of it keeps its origin as float32, and a pose of that type has already lost what it could not hold.
+    check_places(np.concatenate([low, high]).astype(np.float32), target_voxel_size, advice=advice)
+    check_places(np.asarray(T)[:3, 3], target_voxel_size, advice=advice)
     # A cell belongs to the box if its centre does; the box is a little wider, so that rounding cuts no layer off.
     return (
         np.ceil(low / target_voxel_size - 0.5 - 1e-4).astype(np.int64),
@@ -85,13 +88,30 @@ def moved_bounds(
     )
 
 
-def _check_whole_cells(low: np.ndarray, high: np.ndarray, voxel_size: float) -> None:
-    """Refuse a box [m] whose cells overflow: the cast to int64 would say that nothing is there."""
-    farthest = float(np.abs([low, high]).max())
-    if not farthest < 2.0**52 * voxel_size:
+def check_places(
+    places: np.ndarray,
+    voxel_size: float,
+    *,
+    most: float = 1.0,
+    advice: str = "choose an origin near the map",
+) -> None:
+    """Refuse places [m] that their own floating type rounds by more than half of `most` voxels.
+
+    Args:
+        places: Coordinates in the type that keeps them.
+        voxel_size: Width of the voxels that lie there [m].
+        most: Largest step between neighbouring numbers of that type [voxel].
+        advice: What to do instead.
+
+    Raises:
+        InputError: If they lie too far from the origin of their frame.
+    """
+    farthest = np.abs(places).max(initial=0)
+    step = float(np.spacing(farthest))
+    if not step <= most * voxel_size:  # NaN is not, too
         raise InputError(
-            f"a moved map would lie {farthest:.3g} m from the origin, too far for voxels of {voxel_size:g} m; check "
-            "its pose, or choose a larger voxel size."
+            f"a map with voxels of {voxel_size:g} m that reaches {farthest:.4g} m from the origin of its frame is "
+            f"placed in steps of {step:.2g} m only ({places.dtype}); {advice}."
         )
 
 

@@ -17,6 +17,7 @@ from ..._checks import LARGEST_LENGTH, InputError, check_positive, check_voxel_s
 from ..._runtime.buckets import bucket_size, pad_rows
 from ..._runtime.memory import check_memory
 from ..._types import FREE, OCCUPIED, UNKNOWN, Array
+from .lattice import check_places
 
 MAX_VOXELS = 2**30
 """Largest dense grid that is made from a cloud: 1 GiB of states, and flat indices fit int32."""
@@ -273,16 +274,12 @@ def _lattice_box(
     """Lowest voxel index int64 (3,) and the shape of the smallest lattice box around places [m]."""
     low = np.floor(places.min(axis=0) / voxel_size)
     size = np.floor(places.max(axis=0) / voxel_size) - low + 1.0
-    # float32 places and the int32 lattice end at about 2^31 voxels from zero, whatever the size of the box.
-    if float(np.abs(low).max()) > 2**31:
-        raise InputError(
-            f"points lie up to {np.abs(places).max():.4g} m from zero, above 2**31 voxels of {voxel_size:g} m; "
-            f"{_ADVICE}."
-        )
     if float(np.prod(size)) > max_voxels:
         extent = " x ".join(f"{length:.4g}" for length in size * voxel_size)
         raise InputError(
             f"points span {extent} m, which is {np.prod(size):.3g} voxels of {voxel_size:g} m, above the "
             f"limit of {max_voxels:,}; {_ADVICE}."
         )
+    advice = f"choose an origin near the map, or {_ADVICE}"
+    check_places(places.astype(np.float32), voxel_size, advice=advice)
     return low.astype(np.int64), (int(size[0]), int(size[1]), int(size[2]))

@@ -3,11 +3,10 @@
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-from ..._checks import InputError
 from ..._runtime.memory import check_memory
 from ..._runtime.threads import spread
 from ..._types import UNKNOWN
-from .lattice import check_num_voxels, origin_in_voxels, origin_of_cell
+from .lattice import check_num_voxels, check_places, origin_in_voxels, origin_of_cell
 
 
 def rescale_states(
@@ -34,12 +33,13 @@ def rescale_states(
         States, origin and log-odds (None if not given) of the result.
 
     Raises:
-        InputError: If the result would have more than 2**31 - 1 voxels, or need more memory than there is.
+        InputError: If the result would have more than 2**31 - 1 voxels, need more memory than there is,
+            or lies so far away that float32 cannot place it.
     """
     if not all(states.shape):
         return states, np.asarray(origin, np.float32), log_odds
     base = origin_in_voxels(origin, voxel_size)
-    _check_result(states.shape, base, voxel_size / new_voxel_size, has_log_odds=log_odds is not None)
+    _check_result(states.shape, base, voxel_size, new_voxel_size, has_log_odds=log_odds is not None)
     # Log-odds of unknown voxels must not win over negative ones of free voxels.
     odds = None if log_odds is None else np.where(states == UNKNOWN, np.float32(-np.inf), log_odds)
     plans = [_plan_axis(base[a], states.shape[a], voxel_size / new_voxel_size) for a in range(3)]
@@ -50,20 +50,22 @@ def rescale_states(
     return states, origin_of_cell(np.array([low for low, _, _ in plans]), new_voxel_size), odds
 
 
-def _check_result(shape: tuple[int, ...], base: np.ndarray, ratio: float, *, has_log_odds: bool) -> None:
+def _check_result(
+    shape: tuple[int, ...], base: np.ndarray, voxel_size: float, new_voxel_size: float, *, has_log_odds: bool
+) -> None:
     """Refuse what would be too large before anything is allocated for it.
 
     Args:
         shape: Number of voxels along x, y, z.
         base: Origin [voxel].
-        ratio: New voxels along an old one.
+        voxel_size: Width of the grid's voxels [m].
+        new_voxel_size: Width of the result's voxels [m].
         has_log_odds: Whether there are log-odds beside the states.
     """
     what, advice = "the map at the new voxel size", "choose a larger voxel size"
-    sides = np.maximum(np.floor(np.asarray(shape) * ratio), 1.0)
+    sides = np.maximum(np.floor(np.asarray(shape) * (voxel_size / new_voxel_size)), 1.0)
     check_num_voxels(sides, what, advice)
-    if float((np.abs(base) + shape).max()) * ratio > 2.0**52:
-        raise InputError(f"{what} would lie more than 2**52 voxels from the origin of its frame; {advice}.")
+    check_places((np.stack([base, base + shape]) * voxel_size).astype(np.float32), new_voxel_size)
     num_voxels = float(np.prod(sides))
     # Log-odds are made with a mark for unknown voxels, which is replaced in a copy.
     need = num_voxels * (10.0 if has_log_odds else 1.0)

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, UInt8, UInt16
 
-from ..._checks import InputError, check_choice, check_odd_window, check_three_axes
+from ..._checks import InputError, check_choice, check_count, check_odd_window, check_three_axes, shown
 from ..._types import Array
 from . import box_sums
 
@@ -14,6 +14,9 @@ Occupied = Bool[Array, "x y z"] | UInt8[Array, "x y z"]
 
 MAX_SIZE = 15
 """Largest window: two summed axes then hold at most 225 voxels, which fits uint8."""
+
+MAX_SHIFT = 64
+"""Farthest move of a window: windows share nothing from their own size on, and grids are padded by the move."""
 
 _PASSES = {
     "separable": box_sums.separable,
@@ -50,7 +53,7 @@ def box_count(
         InputError: If `occupied` is no grid, `size` even, below 1 or above 15, or the implementation unknown.
         NotImplementedError: If "pallas" is asked for where it cannot run.
     """
-    check_three_axes("occupied", occupied.shape)
+    check_occupied(occupied)
     size = check_size(size)
     if implementation is not None:
         check_choice("implementation", implementation, IMPLEMENTATIONS)
@@ -65,6 +68,19 @@ def box_count(
     return _PASSES[implementation or "separable"](is_occupied, size)
 
 
+def check_occupied(occupied: object) -> None:
+    """Raise if a kernel cannot take it for a grid.
+
+    Raises:
+        InputError: If it is a list, which JAX would take apart into one argument a voxel, or has not three axes.
+    """
+    if not hasattr(occupied, "shape"):
+        raise InputError(
+            f"occupied must be an array, got a {type(occupied).__name__}; make one of it with numpy.asarray."
+        )
+    check_three_axes("occupied", occupied.shape)  # pyright: ignore[reportAttributeAccessIssue]
+
+
 def check_size(size: int) -> int:
     """Return `size` if a window can have it.
 
@@ -75,3 +91,15 @@ def check_size(size: int) -> int:
     if size > MAX_SIZE:
         raise InputError(f"size must be at most {MAX_SIZE} voxels, got {size}.")
     return size
+
+
+def check_shift(shift: object) -> int:
+    """Return `shift` if a window can be moved by so many voxels.
+
+    Raises:
+        InputError: If it is no whole number from 1 to 64: every side of the grid is padded by as much.
+    """
+    shift = check_count("shift", shift, 1)
+    if shift > MAX_SHIFT:
+        raise InputError(f"shift must be at most {MAX_SHIFT} voxels, got {shown(shift)}.")
+    return shift

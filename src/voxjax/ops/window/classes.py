@@ -13,12 +13,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import UInt8
 
-from ..._checks import check_choice, check_three_axes
+from ..._checks import check_choice
 from ..._types import Array
 from .box import MAX_SIZE as MAX_SIZE
 from .box import Occupied as Occupied
 from .box import box_count as box_count
-from .box import check_size
+from .box import check_occupied, check_shift, check_size
 from .box_sums import separable
 
 
@@ -38,7 +38,7 @@ def count_change(occupied: Occupied, *, size: int = 7, shift: int = 4) -> UInt8[
     Args:
         occupied: True (or not 0) where a voxel is occupied.
         size: Window edge [voxel]; odd, 1 to 15.
-        shift: Voxels moved along each axis of a direction, at least 1; size // 2 + 1 takes the window off a face that
+        shift: Voxels moved along each axis of a direction, 1 to 64; size // 2 + 1 takes the window off a face that
             it was centred on.
 
     Returns:
@@ -46,11 +46,13 @@ def count_change(occupied: Occupied, *, size: int = 7, shift: int = 4) -> UInt8[
         window is empty.
 
     Raises:
-        InputError: If `size` is even, below 1 or above 15.
+        InputError: If `size` is even, below 1 or above 15, or `shift` below 1 or above 64.
     """
+    check_occupied(occupied)
+    size, shift = check_size(size), check_shift(shift)
     if 0 in occupied.shape:
         return jnp.zeros((*occupied.shape, 13), jnp.uint8)
-    counts = _counts_with_margin(occupied, check_size(size), shift)
+    counts = _counts_with_margin(occupied, size, shift)
     # In float32, which vectors divide: whole numbers below 2**20 are exact, and `_whole_ratio` mends the quotient.
     here = _moved(counts, occupied.shape, shift, np.zeros(3, np.int32)).astype(jnp.float32)
     bound = jnp.maximum(here, jnp.float32(1))
@@ -75,17 +77,19 @@ def count_steady_directions(
         occupied: True (or not 0) where a voxel is occupied.
         min_change: int32 scalar: percentage from which a change (see `count_change`) is significant.
         size: Window edge [voxel]; odd, 1 to 15.
-        shift: Voxels moved along each axis of a direction.
+        shift: Voxels moved along each axis of a direction, 1 to 64.
 
     Returns:
         uint8 in [0, 13].
 
     Raises:
-        InputError: If `size` is even, below 1 or above 15.
+        InputError: If `size` is even, below 1 or above 15, or `shift` below 1 or above 64.
     """
+    check_occupied(occupied)
+    size, shift = check_size(size), check_shift(shift)
     if 0 in occupied.shape:
         return jnp.zeros(occupied.shape, jnp.uint8)
-    counts = _counts_with_margin(occupied, check_size(size), shift)
+    counts = _counts_with_margin(occupied, size, shift)
     return steady_directions(counts, min_change, occupied.shape, shift).astype(jnp.uint8)
 
 
@@ -99,7 +103,7 @@ def window_classes(
         occupied: True (or not 0) where a voxel is occupied.
         min_change: int32 scalar: percentage from which a change (see `count_change`) is significant.
         size: Window edge [voxel]; odd, 1 to 15.
-        shift: Voxels moved along each axis of a direction, at least 1.
+        shift: Voxels moved along each axis of a direction, 1 to 64.
         implementation: "passes": whole-array passes, on any device. "pallas": two kernels, on a GPU only; the second
             reads counts only near occupied voxels. None takes "passes": "pallas" was not yet measured.
 
@@ -108,11 +112,11 @@ def window_classes(
         the counts while it runs, in temporary memory of about 3.3 bytes a voxel; they are no result.
 
     Raises:
-        InputError: If `occupied` is no grid, `size` even, below 1 or above 15, or the implementation unknown.
+        InputError: If `occupied` is no grid, `size` or `shift` out of range, or the implementation unknown.
         NotImplementedError: If "pallas" is asked for where it cannot run.
     """
-    check_three_axes("occupied", occupied.shape)
-    size = check_size(size)
+    check_occupied(occupied)
+    size, shift = check_size(size), check_shift(shift)
     if implementation is not None:
         check_choice("implementation", implementation, ("passes", "pallas"))
     if 0 in occupied.shape:
