@@ -14,6 +14,10 @@ from voxjax._runtime.private_folders import (
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="needs owners of files")
 
+needs_root = pytest.mark.skipif(
+    not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can give a folder to someone else"
+)
+
 
 @pytest.fixture
 def file(tmp_path):
@@ -52,14 +56,46 @@ def test_what_belongs_to_someone_else_is_refused(tmp_path, file, monkeypatch):
         read_private(file)
 
 
-def test_a_folder_that_everybody_can_replace_is_refused(tmp_path):
-    above, path = tmp_path / "above", tmp_path / "above" / "mine"
+@pytest.mark.parametrize("mode", [0o720, 0o770, 0o775, 0o702, 0o777])
+def test_a_folder_that_others_can_replace_is_refused(tmp_path, mode):
+    above, path = tmp_path / "above", tmp_path / "above" / "between" / "mine"
     private_folder(path)
-    above.chmod(0o777)
-    with pytest.raises(InputError, match=r"everybody can write .*above"):
+    above.chmod(mode)
+    with pytest.raises(InputError, match=r"others can write .*above above it \(chmod go-w\)"):
         private_folder(path)
-    above.chmod(0o1777)
+    above.chmod(mode | 0o1000)
     private_folder(path)
+    above.chmod(0o755)
+    private_folder(path)
+
+
+@needs_root
+def test_a_folder_in_that_of_someone_else_is_refused(tmp_path):
+    above, path = tmp_path / "above", tmp_path / "above" / "between" / "mine"
+    private_folder(path)
+    for mode in (0o755, 0o1777):  # the owner may rename what lies in a folder, sticky or not
+        os.chown(above, 65534, 65534)
+        above.chmod(mode)
+        with pytest.raises(InputError, match=r"above above it belongs to someone else"):
+            private_folder(path)
+    os.chown(above, 0, 0)
+    private_folder(path)
+
+
+@needs_root
+def test_a_link_on_the_way_must_lie_in_a_safe_place(tmp_path):
+    strange = tmp_path / "strange"
+    strange.mkdir()
+    private_folder(tmp_path / "safe" / "mine")
+    (strange / "link").symlink_to(tmp_path / "safe")
+    assert private_folder(strange / "link" / "mine") == strange / "link" / "mine"
+    os.lchown(strange / "link", 65534, 65534)
+    with pytest.raises(InputError, match=r"link above it belongs to someone else"):
+        private_folder(strange / "link" / "mine")
+    os.lchown(strange / "link", 0, 0)
+    os.chown(strange, 65534, 65534)
+    with pytest.raises(InputError, match=r"strange above it belongs to someone else"):
+        private_folder(strange / "link" / "mine")
 
 
 def test_a_link_counts_as_what_it_leads_to(tmp_path):

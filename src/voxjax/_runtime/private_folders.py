@@ -22,7 +22,8 @@ def private_folder(path: Path) -> Path:
     """Make a folder that only its user may enter, with all folders above that are missing; or check the one there is.
 
     Raises:
-        InputError: If the folder, or a link of its name, belongs to someone else or can be written by others.
+        InputError: If the folder, or a link of its name, belongs to someone else or can be written by others; or if
+            one above it does, so that they could put another in its place.
         OSError: If it cannot be made or is no folder.
     """
     # Folders are made one by one: `mkdir(parents=True)` would make the folders above with the default mode.
@@ -34,7 +35,7 @@ def private_folder(path: Path) -> Path:
     try:
         _check_owner(path.lstat(), str(path), is_link=path.is_symlink())
         _check_owner(path.stat(), str(path))
-        _check_above(path.resolve())
+        _check_above(path)
     except NotPrivateError as error:
         raise InputError(
             f"compiled kernels cannot be kept in {path}: {error}, so that others could run code here; name another "
@@ -103,11 +104,19 @@ def _check_owner(status: os.stat_result, name: str, *, is_link: bool = False) ->
 
 
 def _check_above(path: Path) -> None:
-    """Raise if everybody may put another folder in the place of this one, or of one above it."""
+    """Raise if someone else may put another folder in the place of this one, or of one above it.
+
+    A folder may be renamed by whoever owns or can write the one above it, whatever its own owner and mode are. So each
+    folder up to the root must belong to this user or to the system, and be writable for nobody else; as OpenSSH asks of
+    the folders above its keys, that goes for groups of a single user too, because who is in a group may change.
+    """
     if not hasattr(os, "geteuid"):
         return
-    for folder in path.parents:
-        mode = folder.stat().st_mode
+    # A link on the way lies in folders of its own, beside those above what it leads to.
+    for folder in dict.fromkeys((*path.absolute().parents, *path.resolve().parents)):
+        status = folder.stat()
+        if {folder.lstat().st_uid, status.st_uid} - {os.geteuid(), 0}:
+            raise NotPrivateError(f"{folder} above it belongs to someone else")
         # The sticky bit, as /tmp has it, keeps what lies in a folder with its owners.
-        if mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
-            raise NotPrivateError(f"everybody can write {folder}")
+        if status.st_mode & _OTHERS_WRITE and not status.st_mode & stat.S_ISVTX:
+            raise NotPrivateError(f"others can write {folder} above it (chmod go-w)")
