@@ -74,18 +74,85 @@ def test_closed_descriptors_do_not_become_files():
     assert Path("out.bt").read_bytes().startswith(b"# Octomap")
 
 
-def test_handlers_are_put_back():
-    before = signal.getsignal(signal.SIGTERM)
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
-    def terminated():
+
+@pytest.fixture
+def handlers():
+    """Handlers of the signals that end a process; they are put back after the test."""
+    before = {number: signal.getsignal(number) for number in ENDING}
+    yield before
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def _send(number):
+    os.kill(os.getpid(), number)
+    for _ in range(1000):  # Python runs a handler between two steps
+        pass
+
+
+def test_handlers_are_put_back(handlers):
+    with signals_raise():
+        assert signal.getsignal(signal.SIGTERM) is not handlers[signal.SIGTERM]
+    assert {number: signal.getsignal(number) for number in ENDING} == handlers
+
+
+@pytest.mark.parametrize("first", ENDING)
+def test_the_first_signal_counts_and_later_ones_do_not_break_the_cleaning_up(first, handlers):
+    cleaned = []
+
+    def stopped():
         with signals_raise():
-            os.kill(os.getpid(), signal.SIGTERM)
-            while True:  # until the handler runs, which is at once
-                pass
+            try:
+                _send(first)
+            finally:
+                for number in ENDING:
+                    _send(number)
+                cleaned.append("inside")
 
-    with pytest.raises(Stopped, match="SIGTERM"):
-        terminated()
-    assert signal.getsignal(signal.SIGTERM) is before
+    with pytest.raises(KeyboardInterrupt if first == signal.SIGINT else Stopped) as raised:
+        stopped()
+    for number in ENDING:  # whoever called cleans up as well
+        _send(number)
+    assert cleaned == ["inside"]
+    if first != signal.SIGINT:
+        assert raised.value.exit_code == 128 + first
+
+
+def test_signals_that_come_together_stop_once(handlers):
+    def stopped():
+        with signals_raise():
+            signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
+            try:
+                for number in ENDING:
+                    signal.raise_signal(number)  # to this thread: another one does not block them
+            finally:
+                signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
+
+    with pytest.raises((KeyboardInterrupt, Stopped)):
+        stopped()
+    _send(signal.SIGTERM)
+
+
+AGAIN = """exec('''
+import pathlib
+unlink = pathlib.Path.unlink
+def again(path, **options):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        os.kill(os.getpid(), number)
+    unlink(path, **options)
+pathlib.Path.unlink = again
+os.fsync = lambda _: os.kill(os.getpid(), signal.{name})
+''')"""
+
+
+@pytest.mark.parametrize(("name", "code"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)])
+def test_further_signals_during_the_cleaning_up_leave_no_file(name, code):
+    done = _voxjax(AGAIN.format(name=name), "convert", "m.npz", "out.bt")
+    assert done.returncode == code
+    assert [path.name for path in Path().iterdir()] == ["m.npz"]
+    assert len(done.stderr.splitlines()) == 1
 
 
 def test_garbage_is_collected_again_after_the_imports():

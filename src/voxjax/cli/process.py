@@ -42,23 +42,33 @@ def leave_on_interrupt() -> None:
 def signals_raise() -> Iterator[None]:
     """Within the block Ctrl-C raises KeyboardInterrupt, and requests to end raise `Stopped`.
 
+    The first signal ends the process, whose exit code is that of this one: further signals are ignored, from then until
+    the process has ended, lest they break the cleaning up. Without a signal all handlers are put back.
+
     Only the main thread may handle signals; in another one nothing changes.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     before = {}
+    is_stopped = False
+
+    def stop(number: int, frame: FrameType | None) -> NoReturn:
+        nonlocal is_stopped
+        is_stopped = True
+        # Python complains about a signal that is pending when it becomes ignored, but not about an idle handler.
+        for each in before:
+            signal.signal(each, _do_nothing)
+        raise KeyboardInterrupt if number == signal.SIGINT else Stopped(number)
+
     try:
-        if signal.getsignal(signal.SIGINT) is _leave:
-            before[signal.SIGINT] = signal.signal(signal.SIGINT, signal.default_int_handler)
-        for name in ("SIGTERM", "SIGHUP"):  # Windows has no SIGHUP
-            number = getattr(signal, name, None)
-            if number is not None and signal.getsignal(number) is signal.SIG_DFL:
-                before[number] = signal.signal(number, _raise_stopped)
+        for number in _unclaimed_signals():
+            before[number] = signal.getsignal(number)
+            signal.signal(number, stop)
         yield
     finally:
         for number, handler in before.items():
-            signal.signal(number, handler)
+            signal.signal(number, signal.SIG_IGN if is_stopped else handler)
 
 
 @contextlib.contextmanager
@@ -88,6 +98,14 @@ def _leave(number: int, frame: FrameType | None) -> NoReturn:
     os._exit(128 + number)
 
 
-def _raise_stopped(number: int, frame: FrameType | None) -> NoReturn:
-    signal.signal(number, signal.SIG_IGN)  # a second one must not break the cleaning up
-    raise Stopped(number)
+def _unclaimed_signals() -> list[signal.Signals]:
+    """Signals that ask the process to end, but for those that are ignored, as under nohup, or that someone handles."""
+    names = [
+        name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+    ]  # Windows has no SIGHUP
+    unclaimed = (signal.SIG_DFL, signal.default_int_handler, _leave)
+    return [signal.Signals[name] for name in names if signal.getsignal(signal.Signals[name]) in unclaimed]
+
+
+def _do_nothing(number: int, frame: FrameType | None) -> None:
+    """Handler of the signals after the first."""
