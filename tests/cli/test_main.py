@@ -1,11 +1,13 @@
 """Exit codes of all commands, and what they say when they cannot go on."""
 
+import errno
 import subprocess
 import sys
 import warnings
 from contextlib import redirect_stdout
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 
@@ -135,7 +137,13 @@ def test_warnings_are_sentences(monkeypatch, maps, capsys):
 
 
 @pytest.mark.parametrize(
-    "error", [MemoryError(), RuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 9 GB")]
+    "error",
+    [
+        MemoryError(),
+        OSError(errno.ENOMEM, "Cannot allocate memory"),
+        RuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 9 GB"),
+        jax.errors.JaxRuntimeError("INTERNAL: Generated function failed: Out of memory allocating 9 bytes."),
+    ],
 )
 def test_too_little_memory_is_said_and_no_fault(monkeypatch, maps, capsys, error):
     from voxjax.cli import info

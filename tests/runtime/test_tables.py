@@ -1,5 +1,7 @@
 """Reserved tables: lengths of few kinds, memory only where written, no copy by JAX."""
 
+import errno
+import mmap
 import os
 
 import jax
@@ -59,6 +61,19 @@ def test_jax_takes_a_table_without_a_copy():
     held = jax.device_put(table)
     assert held.unsafe_buffer_pointer() == table.ctypes.data
     assert int(held[5]) == 7
+
+
+def test_memory_that_the_system_refuses_is_a_memory_error(monkeypatch):
+    def refuse(*_, **__):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(mmap, "mmap", refuse)
+    number = errno.ENOMEM
+    with pytest.raises(MemoryError, match=r"0\.0 GB of memory cannot be reserved"):
+        reserve(10, dtype=np.uint8)
+    number = errno.EPERM  # no sign of short memory
+    with pytest.raises(PermissionError):
+        reserve(10, dtype=np.uint8)
 
 
 def test_spread_keeps_the_order_and_raises_what_a_piece_raised():

@@ -6,6 +6,7 @@ Accelerators know no such memory, and have the finer ladder of `_runtime.buckets
 """
 
 import contextlib
+import errno
 import mmap
 
 import numpy as np
@@ -90,10 +91,16 @@ def _pages(num_bytes: int) -> mmap.mmap:
     """Memory of the operating system; in huge pages where there are any, which spares most of the page faults."""
     # Fewer bytes have small pages: a huge one may be larger than what is in them.
     least_huge = 1 << 22
-    if not hasattr(mmap, "MAP_PRIVATE"):
-        return mmap.mmap(-1, num_bytes)
     # Private: memory that processes could share gets no huge pages.
-    pages = mmap.mmap(-1, num_bytes, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    is_private = hasattr(mmap, "MAP_PRIVATE")
+    options = {"flags": mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS} if is_private else {}
+    try:
+        pages = mmap.mmap(-1, num_bytes, **options)
+    except OSError as error:
+        # NumPy's allocator raises this where memory is short, and callers know no other sign of it.
+        if error.errno == errno.ENOMEM:
+            raise MemoryError(f"{num_bytes / 1e9:.1f} GB of memory cannot be reserved") from error
+        raise
     if num_bytes >= least_huge and hasattr(mmap, "MADV_HUGEPAGE"):
         with contextlib.suppress(OSError):  # a kernel without huge pages: the small ones serve as well
             pages.madvise(mmap.MADV_HUGEPAGE)

@@ -1,5 +1,6 @@
 """Entry point: runs one command and turns what happens into an exit code."""
 
+import errno
 import traceback
 from collections.abc import Sequence
 from importlib import import_module
@@ -72,8 +73,7 @@ def _explained(error: Exception, *, is_debug: bool) -> int:
     if isinstance(error, InputError):
         warn(str(error))
         return 2
-    # XLA says by its text alone that an allocation failed.
-    if isinstance(error, MemoryError) or str(error).startswith("RESOURCE_EXHAUSTED"):
+    if _is_out_of_memory(error):
         warn("the memory does not suffice; give a larger --voxel-size, smaller maps or more memory.")
         return 2
     if is_debug:
@@ -82,3 +82,13 @@ def _explained(error: Exception, *, is_debug: bool) -> int:
     advice = "." if is_debug else ", with what --debug prints."
     warn(f"internal fault ({summary}); please report it at https://github.com/voxjax/voxjax/issues{advice}")
     return 1
+
+
+def _is_out_of_memory(error: Exception) -> bool:
+    """Whether an allocation failed: Python's, the operating system's, or XLA's."""
+    if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
+        return True
+    # XLA says it by its text alone, under one of two codes: of its own allocator, or of a kernel that allocates.
+    text = str(error)
+    is_of_xla = type(error).__name__ in ("JaxRuntimeError", "XlaRuntimeError")
+    return text.startswith("RESOURCE_EXHAUSTED") or (is_of_xla and "out of memory" in text.lower())
