@@ -1,5 +1,8 @@
 """Checks of arguments: one sentence, whatever is given."""
 
+import subprocess
+import sys
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -119,3 +122,47 @@ def test_values_are_quoted_on_one_line_and_cut():
     assert shown("a\nb") == "'a\\nb'"
     assert "\n" not in shown(np.arange(100).reshape(10, 10))
     assert len(shown("x" * 1_000_000)) < 130
+
+
+def test_arguments_of_a_wrong_kind_are_refused_in_one_sentence():
+    # In a process of its own: here the annotations are checked, before the functions see what they get.
+    program = """
+import numpy as np, voxjax as vx
+from voxjax._checks import check_pose, check_voxel_size
+grid = vx.VoxelGrid(np.full((2, 2, 2), 2, np.uint8), np.zeros(3), 0.1)
+corners = vx.Corners(
+    np.full((2, 3), np.nan, np.float32), np.zeros((2, 3, 3), np.float32), np.ones(2, np.float32),
+    np.zeros(2, np.uint8), np.ones(2, bool), np.ones(2, bool), np.int32(2),
+)
+calls = {
+    "occupied must be an array": lambda: vx.box_count([[[1]]]),
+    "occupied must be an array,": lambda: vx.classify_voxels([[[True]]]),
+    "config must be": lambda: vx.register(grid, grid, config=5),
+    "config table 'map' must hold": lambda: vx.register(grid, grid, config={"map": "x" * 10**6}),
+    "max_voxels must be": lambda: vx.read_map("a.npz", max_voxels="5"),
+    "max_voxels must be a": lambda: vx.read_map("a.npz", max_voxels=float("nan")),
+    "max_voxels must be a whole": lambda: vx.read_map("a.npz", max_voxels=-1),
+    "path must be": lambda: vx.read_map(None),
+    "path must be the": lambda: vx.read_map(b"a.npz"),
+    "path must be the name": lambda: vx.write_map(5, grid),
+    "corners_a must be Corners": lambda: vx.consistency_graph(np.zeros((2, 3)), corners),
+    "min_distance must be": lambda: vx.consistency_graph(corners, corners, min_distance=float("inf")),
+    "max_nodes must be": lambda: vx.maximum_common_subgraph(corners, corners, max_nodes=-1),
+    "NaN or infinity": lambda: vx.consistency_graph(corners, corners),
+    "voxel_size must be": lambda: check_voxel_size(True),
+    "T must be": lambda: check_pose("T", np.eye(4) + 0j),
+    "points must be": lambda: vx.VoxelGrid.from_points(np.zeros((1, 3), complex), voxel_size=0.1),
+    "origin must be": lambda: vx.VoxelGrid(grid.states, np.zeros(3, bool), 0.1),
+}
+for words, call in calls.items():
+    try:
+        call()
+    except vx.InputError as error:
+        assert words in str(error) and len(str(error)) < 400 and "\\n" not in str(error), (words, error)
+    else:
+        raise AssertionError(words)
+"""
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr

@@ -55,7 +55,7 @@ def check_count(name: str, value: object, least: int = 0) -> int:
         InputError: If it is not.
     """
     number = _number(value)
-    if isinstance(value, bool) or not (math.isfinite(number) and number >= least and number % 1 == 0):
+    if not (math.isfinite(number) and number >= least and number % 1 == 0):
         raise InputError(f"{name} must be a whole number, {least} or more, got {shown(value)}.")
     return int(number)
 
@@ -77,7 +77,7 @@ def check_odd_window(name: str, size: object) -> int:
         InputError: If it is not.
     """
     number = _number(size)
-    if isinstance(size, bool) or not (math.isfinite(number) and number >= 1 and number % 2 == 1):
+    if not (math.isfinite(number) and number >= 1 and number % 2 == 1):
         raise InputError(f"{name} must be an odd whole number of voxels, 1 or more, got {shown(size)}.")
     return int(number)
 
@@ -99,7 +99,7 @@ def check_pose(name: str, T: object) -> np.ndarray:
         InputError: If the shape, the last row or the rotation is wrong, or it moves farther than float32 can square.
     """
     try:
-        matrix = np.asarray(T, dtype=np.float64)
+        matrix = as_float64(T)
     except (TypeError, ValueError) as error:
         raise InputError(f"{name} must be a (4, 4) matrix of numbers, got {shown(T)}.") from error
     if matrix.shape != (4, 4):
@@ -123,9 +123,22 @@ def check_pose(name: str, T: object) -> np.ndarray:
     return matrix.astype(np.float32)
 
 
+def as_float64(value: object) -> np.ndarray:
+    """Real numbers, on host or device, as a float64 array.
+
+    Raises:
+        TypeError: If they are complex, of which NumPy would drop a part, or no numbers.
+        ValueError: If they are no numbers, or rows of several lengths.
+    """
+    array = np.asarray(value)
+    if array.dtype.kind == "c":
+        raise TypeError("complex numbers are no places")
+    return array.astype(np.float64)
+
+
 def _number(value: object) -> float:
-    """The value as a float; NaN where it is no single number."""
-    if isinstance(value, (str, bytes)):
+    """The value as a float; NaN where it is no single number. A truth value counts as none: it is a mistake."""
+    if isinstance(value, (str, bytes, bool, np.bool_, complex, np.complexfloating)):
         return math.nan
     try:
         return float(value)  # pyright: ignore[reportArgumentType]

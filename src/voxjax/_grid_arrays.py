@@ -36,7 +36,7 @@ def as_float32(name: str, value: object) -> Array:
     if _is_placeholder(array):
         return array
     is_floating = jnp.issubdtype(array.dtype, jnp.floating)  # which NumPy does not know of bfloat16
-    if not is_floating and array.dtype.kind not in "iub":
+    if not is_floating and array.dtype.kind not in "iu":
         raise InputError(f"{name} must be an array of numbers, got dtype {array.dtype}.")
     if is_floating and isinstance(array, jax.Array):
         return array

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .._checks import InputError
+from .._checks import InputError, check_count, shown
 from .._runtime.whole_files import write_file
 from ..grid import VoxelGrid
 from ..ops.resampling.lattice import check_places
@@ -46,8 +46,10 @@ def read_map(
     Raises:
         InputError: If the file cannot be read or used; the message names it.
     """
-    path = Path(path)
+    path = _as_path(path)
     ending = _ending(path)
+    if max_voxels is not None:
+        max_voxels = check_count("max_voxels", max_voxels, 1)
     try:
         if ending == ".ply":
             if voxel_size is None:
@@ -92,12 +94,19 @@ def encode_map(path: str | os.PathLike, grid: VoxelGrid) -> bytes:
     Raises:
         InputError: If the format cannot hold the grid; the message names the path.
     """
-    path = Path(path)
+    path = _as_path(path)
     encode = _ENCODERS[_ending(path)]
     try:
         return encode(grid)
     except InputError as error:
         raise InputError(f"{path} cannot be written: {str(error).removesuffix('.')}.") from error
+
+
+def _as_path(path: object) -> Path:
+    """The name of a map's file; bytes, which name files too, have no ending that says what the file holds."""
+    if not isinstance(path, (str, os.PathLike)):
+        raise InputError(f"path must be the name of a file, got {shown(path)}.")
+    return Path(path)
 
 
 def _ending(path: Path) -> str:

@@ -7,7 +7,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Int, Int32
 
-from .._checks import InputError, check_choice
+from .._checks import InputError, check_choice, check_count
 from .._results import RESULTS
 from .._types import Array
 from ..features.types import Corners
@@ -110,6 +110,9 @@ def maximum_common_subgraph(
         raise InputError(
             f'max_seconds must be None with method="backtracking", got {max_seconds}; its budget is max_nodes.'
         )
+    if max_nodes is not None:
+        check_count("max_nodes", max_nodes)
+    check_count("max_ties", max_ties)
     graph = consistency_graph(
         corners_a,
         corners_b,

@@ -8,7 +8,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int32
 
-from .._checks import InputError, check_positive
+from .._checks import InputError, check_positive, shown
 from .._runtime.buckets import pad_rows, wide_bucket_size
 from .._runtime.memory import check_memory
 from .._runtime.pieces import one_by_one, over_pieces
@@ -80,6 +80,9 @@ def consistency_graph(
     References:
         Section IV.B-C, equation (4).
     """
+    for name, corners in (("corners_a", corners_a), ("corners_b", corners_b)):
+        if not isinstance(corners, Corners):
+            raise InputError(f"{name} must be Corners, as detect_corners gives them, got {shown(corners)}.")
     if associations is None:
         associations = all_associations(corners_a.mask, corners_b.mask)
     if match_kinds:
@@ -135,6 +138,8 @@ def pairwise_consistency(
             graph needs more memory than there is.
     """
     check_positive("distance_tolerance", distance_tolerance, "m")
+    if min_distance != 0:
+        check_positive("min_distance", min_distance, "m")
     pairs = check_associations(associations, len(points_a), len(points_b))
     if len(pairs) > MAX_ASSOCIATIONS:
         raise InputError(
@@ -150,6 +155,11 @@ def pairwise_consistency(
     )
     size = _padded_size(len(pairs))
     nodes = [_gather(p, pairs[:, side], size) for side, p in enumerate((points_a, points_b))]
+    for name, places in zip("ab", nodes, strict=True):
+        if not np.isfinite(places).all():
+            raise InputError(
+                f"associations must index points with finite places, got NaN or infinity in {name}."
+            )
     adjacency = np.asarray(
         distance_consistency(
             *nodes, pad_rows(pairs, size, -1.0), np.float32(distance_tolerance), np.float32(min_distance)

@@ -8,7 +8,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any, TypeVar
 
-from .._checks import InputError
+from .._checks import InputError, shown
 from .._settings import Settings, check_setting, setting
 from ..maps.settings import MapConfig
 from ..planes.settings import PlaneConfig
@@ -89,13 +89,15 @@ def config_from(settings: Config | Mapping[str, Any] | None) -> Config:
         return Config()
     if isinstance(settings, Config):
         return settings
+    if not isinstance(settings, Mapping):
+        raise InputError(f"config must be a Config or tables of keys and values, got {shown(settings)}.")
     groups = {field.name: type(getattr(Config(), field.name)) for field in dataclasses.fields(Config)}
     changed = {}
     for name, table in settings.items():
         if name not in groups:
-            raise InputError(f"config has no table {name!r}; it has {', '.join(groups)}.")
+            raise InputError(f"config has no table {shown(name)}; it has {', '.join(groups)}.")
         if not isinstance(table, Mapping):
-            raise InputError(f"config table {name!r} must hold keys and values, got {table!r}.")
+            raise InputError(f"config table {shown(name)} must hold keys and values, got {shown(table)}.")
         changed[name] = _group_from(groups[name], table)
     return Config(**changed)
 
@@ -105,5 +107,7 @@ def _group_from(kind: type[Group], table: Mapping[str, Any]) -> Group:
     known = {field.name: field for field in dataclasses.fields(kind)}
     for key in table:
         if key not in known:
-            raise InputError(f"config table {kind.table!r} has no key {key!r}; it has {', '.join(known)}.")
+            raise InputError(
+                f"config table {kind.table!r} has no key {shown(key)}; it has {', '.join(known)}."
+            )
     return kind(**{key: check_setting(kind.table, known[key], value) for key, value in table.items()})

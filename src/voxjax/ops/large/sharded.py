@@ -5,6 +5,7 @@ but several times slower than on one device. It works alike on the devices of on
 `jax.distributed` has joined.
 """
 
+import math
 from collections.abc import Callable
 from functools import partial
 
@@ -17,6 +18,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Shaped
 
 from ..._checks import InputError
+from ..._runtime.memory import check_memory
 from .tiles import Sliceable
 
 
@@ -57,6 +59,11 @@ def shard_grid(grid: Sliceable, mesh: Mesh, *, max_halo: int = 7) -> ShardedGrid
     padded = list(grid.shape)
     for axis, parts in enumerate(mesh.devices.shape):
         padded[axis] = parts * max(-(-padded[axis] // parts), max_halo)
+    # Parts are made one by one, each for its own device.
+    need = math.prod(padded) * grid.dtype.itemsize / mesh.devices.size
+    check_memory(
+        need, f"a part of a grid padded to {' x '.join(map(str, padded))}", "take a smaller max_halo"
+    )
 
     def part(index: tuple[slice, ...] | None) -> np.ndarray:
         assert index is not None

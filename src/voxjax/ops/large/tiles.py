@@ -4,6 +4,7 @@ The grid and the result stay where they are (memory, a memory-mapped file, a Zar
 time. All tiles have one shape, so one kernel is compiled.
 """
 
+import math
 from collections.abc import Callable, Iterator
 from itertools import product
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -12,6 +13,7 @@ import jax
 import numpy as np
 
 from ..._checks import InputError
+from ..._runtime.memory import check_memory
 
 Kernel = Callable[[jax.Array], jax.Array]
 
@@ -95,6 +97,11 @@ def map_tiles(
             "target must be other memory than source: a tile's halo is read after its neighbour is written."
         )
     block_shape = (*(edge + 2 * halo for edge in edges), *source.shape[3:])
+    need = 3.0 * math.prod(block_shape) * source.dtype.itemsize
+    # Two blocks are alive at a time, and what the kernel makes of one.
+    check_memory(
+        need, f"two tiles of {' x '.join(map(str, block_shape))} voxels", "take a smaller tile or halo"
+    )
     run = jax.jit(kernel)
     # Before the first tile: otherwise a result that does not fit would be found with part of it written.
     _check_target(run, block_shape, source, target)

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float32, Int32, UInt8
 
-from ..._checks import LARGEST_LENGTH, InputError, check_positive, check_voxel_size
+from ..._checks import LARGEST_LENGTH, InputError, as_float64, check_positive, check_voxel_size
 from ..._runtime.buckets import bucket_size, pad_rows
 from ..._runtime.memory import check_memory
 from ..._types import FREE, OCCUPIED, UNKNOWN, Array
@@ -235,7 +235,7 @@ def _checked_points(name: str, points: object) -> np.ndarray:
 def _as_numbers(name: str, values: object) -> np.ndarray:
     """`values` as a float64 array."""
     try:
-        return np.asarray(values, dtype=np.float64)
+        return as_float64(values)
     except (TypeError, ValueError):
         raise InputError(f"{name} must be an array of numbers [m], got {type(values).__name__}.") from None
 
