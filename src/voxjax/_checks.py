@@ -92,6 +92,45 @@ def check_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
         raise InputError(f"{name} must be one of {', '.join(map(repr, choices))}, got {shown(value)}.")
 
 
+def check_type(name: str, value: object, kind: type, advice: str) -> None:
+    """Raise if `value` is not of a class of voxjax.
+
+    Args:
+        name: Name of the argument.
+        value: What was given.
+        kind: The class.
+        advice: Where such an object comes from.
+
+    Raises:
+        InputError: If it is something else.
+    """
+    if not isinstance(value, kind):
+        raise InputError(f"{name} must be a {kind.__name__}, got {shown(value)}; {advice}.")
+
+
+def check_list(name: str, values: object, holds: str) -> list:
+    """Return `values` as a list; a single thing, a text or a name of a file is none.
+
+    Args:
+        name: Name of the argument.
+        values: What was given.
+        holds: What the list holds, in the plural.
+
+    Raises:
+        InputError: If it is no list, tuple, array or other thing to go through.
+    """
+    try:
+        if not isinstance(values, (str, bytes)):
+            return list(values)  # pyright: ignore[reportArgumentType, reportCallIssue]
+    except TypeError as error:
+        raise _no_list(name, values, holds) from error
+    raise _no_list(name, values, holds)
+
+
+def _no_list(name: str, values: object, holds: str) -> InputError:
+    return InputError(f"{name} must be a list of {holds}, got {shown(values)}; put one alone into a list.")
+
+
 def check_pose(name: str, T: object) -> np.ndarray:
     """Return `T`, on host or device, as a float32 (4, 4) rigid transform.
 

@@ -12,7 +12,16 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
-from ._checks import InputError, check_count, check_pose, check_three_axes, check_voxel_size, shown
+from ._checks import (
+    InputError,
+    check_count,
+    check_list,
+    check_pose,
+    check_three_axes,
+    check_type,
+    check_voxel_size,
+    shown,
+)
 from ._grid_arrays import as_float32, as_states, check_log_odds, check_origin, check_states
 from ._types import FREE, OCCUPIED, UNKNOWN, Array
 from .ops.resampling.lattice import check_places, origin_in_voxels
@@ -248,6 +257,27 @@ class VoxelGrid(eqx.Module):
         box = " ".join(f"{axis} {a:.2f}..{b:.2f}" for axis, a, b in zip("xyz", low, high, strict=True))
         odds = ", with log-odds" if self.log_odds is not None else ""
         return f"VoxelGrid({size} voxels of {self.voxel_size:g} m, {box} m, {shares}{odds})"
+
+
+def check_grid(name: str, value: object) -> None:
+    """Raise if an argument is no map, such as the name of a file.
+
+    Raises:
+        InputError: If `value` is no `VoxelGrid`.
+    """
+    check_type(name, value, VoxelGrid, "read it with vx.read_map")
+
+
+def check_grids(name: str, values: object) -> list[VoxelGrid]:
+    """Return maps as a list.
+
+    Raises:
+        InputError: If `values` is no list, or one of them is no `VoxelGrid`.
+    """
+    grids = check_list(name, values, "VoxelGrid maps")
+    for number, grid in enumerate(grids):
+        check_grid(f"{name}[{number}]", grid)
+    return grids
 
 
 def check_resolution(grid: VoxelGrid) -> None:

@@ -5,6 +5,7 @@ from jaxtyping import UInt8
 
 from .._checks import InputError, check_count, shown
 from .._types import Array
+from ..grid import VoxelGrid
 from ..ops.window.box import check_shift, check_size
 from ..ops.window.classes import Occupied, window_classes
 
@@ -35,6 +36,8 @@ def classify_voxels(
     Raises:
         InputError: If `occupied` is no grid, or a number is out of its range.
     """
+    if isinstance(occupied, VoxelGrid):
+        raise InputError("occupied must be an array (x, y, z), got a VoxelGrid; give grid.states == 2.")
     # Before the kernel: whatever cannot be hashed is no static argument of one.
     size, shift = check_size(size), check_shift(shift)
     if check_count("min_change", min_change, 1) > 100:

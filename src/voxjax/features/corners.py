@@ -6,7 +6,7 @@ import numpy as np
 
 from .._checks import check_choice, check_count, check_positive
 from .._runtime.buckets import bucket_size, pad_rows
-from ..grid import VoxelGrid, check_resolution
+from ..grid import VoxelGrid, check_grid, check_resolution
 from ..planes.extract import PlaneMap, extract_planes
 from ..planes.triples import PlaneTriples, intersect_planes
 from .cluster import suppress_duplicates
@@ -43,6 +43,7 @@ def detect_corners(
         InputError: If the preset is unknown, a length is not positive, or the map lies so far from the origin of its
             frame that float32 cannot place its voxels.
     """
+    check_grid("grid", grid)
     check_choice("preset", preset, ("default", "paper"))
     check_positive("virtual_reach", virtual_reach, "m")
     check_count("max_virtual", max_virtual)

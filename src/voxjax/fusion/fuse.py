@@ -7,9 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._checks import InputError, check_choice, check_pose, check_voxel_size
+from .._checks import InputError, check_choice, check_list, check_pose, check_voxel_size
 from .._runtime.memory import check_memory
-from ..grid import VoxelGrid
+from ..grid import VoxelGrid, check_grid, check_grids
 from ..ops.resampling.lattice import check_num_voxels, check_places, moved_bounds, origin_of_cell
 from ..ops.resampling.rigid import chunk_size, flat_source, lookup_chunk, source_from_target, take_flat
 from .rules import RULES, fuse_keep, fuse_log_odds, fuse_paper, log_odds_of_states
@@ -50,8 +50,9 @@ def fuse(
         The fused map; with log-odds under the rule "log_odds" only, the others are about states.
 
     Raises:
-        InputError: If there is no map, a pose is missing or not rigid, the fused map would have more than
-            2**31 - 1 voxels or need more memory than there is (`fuse_memory`), or the options do not go together.
+        InputError: If `grids` is no list of maps or an empty one, a pose is missing or not rigid, the fused map would
+            have more than 2**31 - 1 voxels or need more memory than there is (`fuse_memory`), or the options do not go
+            together.
     """
     check_choice("interpolation", interpolation, ("nearest", "trilinear"))
     if interpolation == "trilinear":
@@ -114,6 +115,7 @@ def _fuse_trilinear(
             "states and origins of grids must not be traced by JAX; pass poses and log-odds alone through jit and grad."
         )
     if onto is not None:
+        check_grid("onto", onto)
         if voxel_size is not None:
             raise InputError(
                 "voxel_size must be None where onto is given, whose voxel size the result takes."
@@ -275,7 +277,7 @@ def _checked(
     grids: Sequence[VoxelGrid], poses: Sequence[object], check: Callable[[str, object], Any] = check_pose
 ) -> tuple[list[VoxelGrid], list]:
     """Maps and poses as lists of one length, each pose as `check` returns it."""
-    grids, poses = list(grids), list(poses)
+    grids, poses = check_grids("grids", grids), check_list("poses", poses, "(4, 4) poses")
     if not grids:
         raise InputError("grids must hold at least one map, got none.")
     if len(poses) != len(grids):

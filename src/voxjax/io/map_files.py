@@ -7,7 +7,7 @@ import numpy as np
 
 from .._checks import InputError, check_count, shown
 from .._runtime.whole_files import write_file
-from ..grid import VoxelGrid
+from ..grid import VoxelGrid, check_grid
 from ..ops.resampling.lattice import check_places
 from ..ops.resampling.raycast import grid_from_points
 from .budget import Budget
@@ -95,6 +95,7 @@ def encode_map(path: str | os.PathLike, grid: VoxelGrid) -> bytes:
         InputError: If the format cannot hold the grid; the message names the path.
     """
     path = _as_path(path)
+    check_grid("grid", grid)
     encode = _ENCODERS[_ending(path)]
     try:
         return encode(grid)

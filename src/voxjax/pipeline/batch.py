@@ -3,8 +3,8 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from .._checks import InputError
-from ..grid import VoxelGrid
+from .._checks import InputError, check_list
+from ..grid import VoxelGrid, check_grids
 from ..registration.hypotheses.map_features import MapFeatures
 from ..registration.types import Registration
 from .config import Config, config_from
@@ -37,9 +37,11 @@ def register_batch(
         InputError: If an entry is no pair of maps, or a setting cannot be used.
     """
     settings = config_from(config)
+    pairs = check_list("pairs", pairs, "pairs (a, b) of maps")
     for number, pair in enumerate(pairs):
-        if len(pair) != 2 or not all(isinstance(grid, VoxelGrid) for grid in pair):
-            raise InputError(f"pairs[{number}] must be two VoxelGrid maps (a, b), got {type(pair).__name__}.")
+        count = len(check_grids(f"pairs[{number}]", pair))
+        if count != 2:
+            raise InputError(f"pairs[{number}] must be two VoxelGrid maps (a, b), got {count}.")
     known: dict[tuple[int, float], MapFeatures] = {}
 
     def features_of(grid: VoxelGrid, voxel_size: float) -> MapFeatures:

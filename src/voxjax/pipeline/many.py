@@ -9,7 +9,7 @@ from typing import Any, Literal
 from .._checks import InputError
 from .._runtime.threads import spread
 from ..fusion.fuse import fuse
-from ..grid import VoxelGrid
+from ..grid import VoxelGrid, check_grids
 from ..registration.hypotheses.map_features import MapFeatures
 from .config import Config, config_from
 from .features import features_at, working_voxel_size
@@ -49,9 +49,10 @@ def merge(
         The fused map, the poses and the registrations behind them.
 
     Raises:
-        InputError: If there are fewer than two maps, a guess with more than two, or the maps or the fused one need more
-            memory than there is (`pipeline/memory_need.py`, `fusion/fuse.py`).
+        InputError: If `grids` is no list of maps, there are fewer than two, a guess with more than two, or the maps or
+            the fused one need more memory than there is (`pipeline/memory_need.py`, `fusion/fuse.py`).
     """
+    grids = check_grids("grids", grids)
     _check(grids, init_guess)
     settings, stages = config_from(config), Stages(on_stage)
     start = time.perf_counter()

@@ -11,7 +11,7 @@ from .._results import RESULTS
 from .._runtime.forks import refuse_after_fork
 from .._runtime.mappings import release_kernels_if_crowded
 from .._runtime.threads import spread
-from ..grid import VoxelGrid
+from ..grid import VoxelGrid, check_grid
 from ..refinement.refine import Refinement, refine
 from ..registration.hypotheses.map_features import MapFeatures, worse_free_space
 from ..registration.hypotheses.pose_range import PoseRange
@@ -70,6 +70,8 @@ def register(
         )
     settings = config_from(config)
     stages = Stages(on_stage)
+    for name, grid in (("a", a), ("b", b)):
+        check_grid(name, grid)
     for name, grid in (("a", a), ("b", b)):
         if grid.num_occupied == 0:
             return nothing_found(f"Map {name} has no occupied voxel.", RESULTS.empty_map)

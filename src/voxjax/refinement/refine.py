@@ -18,7 +18,7 @@ from .problems.pair import check_options, checked_residuals, pose_problem
 from .problems.starts import checked_start, lead_pose
 from .problems.views import views_of
 from .residuals.losses import Loss
-from .residuals.terms import Term
+from .residuals.terms import Term, check_terms
 from .solve.covariance import PATCH_VOXELS, pose_covariance
 from .solve.pose import RefinedPose, problem_cost, solve_pose
 from .solve.problem import PoseProblem
@@ -78,6 +78,7 @@ def refine(
     """
     check_options(loss, num_points)
     kinds = checked_residuals(residuals)
+    terms = check_terms("terms", terms)
     start = checked_start("T_a_b", T_a_b)
     target, other = views_of({"a": a, "b": b}, soft=soft)
     if target is None or other is None:

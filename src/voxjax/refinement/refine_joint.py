@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .._checks import InputError
+from .._checks import InputError, check_list
 from .._results import RESULTS
 from .._types import Array
 from ..grid import VoxelGrid
@@ -93,7 +93,7 @@ def refine_joint(
     """
     check_options(loss, num_points)
     kinds = checked_residuals(residuals)
-    start = _checked_poses(poses, len(grids))
+    grids, start = _checked_maps(grids, poses)
     check_map("anchor", anchor, len(grids))
     chosen = None if pairs is None else checked_pairs("pairs", pairs, len(grids))
     named = checked_terms(terms, chosen, len(grids))
@@ -155,17 +155,20 @@ def refine_joint(
     )
 
 
-def _checked_poses(poses: Sequence[object] | Array, num_maps: int) -> Float[np.ndarray, "maps 4 4"]:
-    """The starts as values.
+def _checked_maps(
+    grids: Sequence[VoxelGrid | PreparedMap], poses: Sequence[object] | Array
+) -> tuple[list[VoxelGrid | PreparedMap], Float[np.ndarray, "maps 4 4"]]:
+    """The maps, which `views_of` looks at one by one, and their starts as values.
 
     Raises:
-        InputError: If there are too few, not as many as maps, or one is no rigid transform.
+        InputError: If either is no list, there are too few, not as many starts as maps, or one is no rigid transform.
     """
-    if num_maps < 2 or num_maps != len(poses):
+    grids, poses = check_list("grids", grids, "maps"), check_list("poses", poses, "(4, 4) poses")
+    if len(grids) < 2 or len(grids) != len(poses):
         raise InputError(
-            f"grids and poses must be two or more and equally many, got {num_maps} and {len(poses)}."
+            f"grids and poses must be two or more and equally many, got {len(grids)} and {len(poses)}."
         )
-    return checked_starts("poses", [values_of_start(f"poses[{k}]", T) for k, T in enumerate(poses)])
+    return grids, checked_starts("poses", [values_of_start(f"poses[{k}]", T) for k, T in enumerate(poses)])
 
 
 def _overlapping(

@@ -11,12 +11,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ... import rigid
-from ..._checks import InputError
+from ..._checks import InputError, shown
 from ..._types import Array
 from ...maps.prepared import PreparedMap, sample_rows
 from ...ops.evidence.lookup import Block, lookup
 from ...ops.evidence.nearest import NOTHING_NEAR
-from ..residuals.terms import Term
+from ..residuals.terms import Term, check_terms
 from ..solve.joint_equations import relative_pose
 
 Pair = tuple[int, int]
@@ -63,7 +63,15 @@ def checked_terms(
         InputError: If terms are of no pair of maps, or of one that `pairs` has the other way round.
     """
     terms = {} if terms is None else terms
-    named = dict(zip(checked_pairs("terms", terms, num_maps), map(tuple, terms.values()), strict=True))
+    if not isinstance(terms, Mapping):
+        raise InputError(
+            f"terms must be a mapping from pairs (a, b) to lists of terms, got {shown(terms)}; name the pairs."
+        )
+    pairs_named = checked_pairs("terms", terms, num_maps)
+    named = {
+        pair: check_terms(f"terms[{pair}]", those)
+        for pair, those in zip(pairs_named, terms.values(), strict=True)
+    }
     for a, b in named:
         if pairs is not None and (b, a) in pairs:
             raise InputError(

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from ..._checks import InputError
 from ..._runtime.threads import spread
 from ..._types import Array
-from ...grid import VoxelGrid
+from ...grid import VoxelGrid, check_grid
 from ...maps.prepared import PreparedMap, prepare_map
 from ...ops.surface.neighbourhood import Neighbourhood, neighbourhood
 from ...ops.surface.soft_planes import soft_planes
@@ -118,9 +118,11 @@ def views_of(grids: Mapping[str, VoxelGrid | PreparedMap], *, soft: bool) -> lis
         soft: Weigh voxels by their probabilities; all maps must then be grids with log-odds.
 
     Raises:
-        InputError: If `soft` is set and a map has no log-odds, or it is not and they are traced.
+        InputError: If one is no map, `soft` is set and a map has no log-odds, or it is not and they are traced.
     """
     for name, grid in grids.items():
+        if not isinstance(grid, PreparedMap):
+            check_grid(name, grid)
         if soft and (not isinstance(grid, VoxelGrid) or grid.log_odds is None):
             raise InputError(
                 f"{name} must be a VoxelGrid with log_odds if soft is True; give it log-odds or leave soft out."

@@ -9,6 +9,7 @@ from equinox import AbstractVar
 from jaxtyping import Float, Int32, PyTree
 
 from ... import rigid
+from ..._checks import check_list, check_type
 from ..._types import Array
 from ...ops.evidence.lookup import turn_columns
 from .losses import Loss, robust_factor
@@ -57,6 +58,18 @@ class Term(eqx.Module):
         """The term with every `stride`-th point, which weighs as much as all; for the coarse levels."""
         del stride
         return self
+
+
+def check_terms(name: str, terms: object) -> tuple[Term, ...]:
+    """Return terms as a tuple.
+
+    Raises:
+        InputError: If `terms` is no list, such as one term alone, or holds something else.
+    """
+    checked = check_list(name, terms, "terms")
+    for number, term in enumerate(checked):
+        check_type(f"{name}[{number}]", term, Term, "make it from voxjax.refinement")
+    return tuple(checked)
 
 
 class Placed(NamedTuple):
