@@ -96,6 +96,19 @@ def test_data_comes_first_and_options_are_keyword_only(name):
     assert OPTIONS.get(name, set()) <= {p.name for p in options}
 
 
+def test_packages_are_loaded_when_they_are_first_named():
+    code = (
+        "import sys, voxjax as vx\n"
+        "assert not [name for name in sys.modules if name.startswith('voxjax.') and name != 'voxjax._version']\n"
+        "named = [vx.metrics, vx.ops, vx.rigid, vx.io, vx.refinement, vx.pipeline, vx.synthetic, vx.view]\n"
+        "assert all(sys.modules[module.__name__] is module for module in named)\n"
+        "assert {module.__name__.partition('.')[2] for module in named} <= set(dir(vx))\n"
+        "assert vx.Config is vx.pipeline.config.Config\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
 def test_unknown_names_are_attribute_errors():
     with pytest.raises(AttributeError, match="no attribute 'mergee'"):
         voxjax.mergee  # noqa: B018

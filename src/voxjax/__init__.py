@@ -30,13 +30,25 @@ _HOME = {
     "register_batch": "pipeline.batch",
     "fuse": "fusion.fuse",
     "merge": "pipeline.many",
+    "Config": "pipeline.config",
     "Merge": "pipeline.merged",
     "use_compilation_cache": "_runtime.compilation_cache",
 }
 
+_PACKAGES = ("io", "metrics", "ops", "pipeline", "refinement", "rigid", "synthetic", "view")
+"""Packages and modules for those who want more than the names above, as `voxjax.ops`; loaded like these."""
+
 __all__ = ["__version__", *_HOME]
 
 if TYPE_CHECKING:
+    from . import io as io
+    from . import metrics as metrics
+    from . import ops as ops
+    from . import pipeline as pipeline
+    from . import refinement as refinement
+    from . import rigid as rigid
+    from . import synthetic as synthetic
+    from . import view as view
     from ._checks import InputError as InputError
     from ._results import RESULTS as RESULTS
     from ._runtime.compilation_cache import use_compilation_cache as use_compilation_cache
@@ -52,6 +64,7 @@ if TYPE_CHECKING:
     from .matching.consistency import consistency_graph as consistency_graph
     from .ops.window.classes import box_count as box_count
     from .pipeline.batch import register_batch as register_batch
+    from .pipeline.config import Config as Config
     from .pipeline.many import merge as merge
     from .pipeline.merged import Merge as Merge
     from .pipeline.pair import register as register
@@ -62,7 +75,9 @@ if TYPE_CHECKING:
 
 
 def __getattr__(name: str) -> object:
-    """Load a public name from its module on first use."""
+    """Load a public name from its module, or a package, on first use."""
+    if name in _PACKAGES:
+        return import_module(f"{__name__}.{name}")
     if name not in _HOME:
         raise AttributeError(f"module 'voxjax' has no attribute {name!r}")
     value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
@@ -71,5 +86,5 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """All public names, loaded or not."""
-    return sorted(__all__)
+    """All public names and packages, loaded or not."""
+    return sorted([*__all__, *_PACKAGES])

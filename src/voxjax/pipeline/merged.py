@@ -1,5 +1,6 @@
 """What a merge gives: the fused map, the poses, and how well the pairs agree with each other."""
 
+from collections import Counter
 from typing import Literal
 
 import equinox as eqx
@@ -50,6 +51,12 @@ class Merge(eqx.Module):
     loops: tuple[LoopError, ...]
     seconds: dict
     late: tuple[LateFeatures | None, ...]
+
+    def __repr__(self) -> str:
+        """One line: status, verdicts of the pairs, the fused map, and the reason."""
+        verdicts = Counter(registration.verdict for _, _, registration in self.pairs)
+        pairs = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.items())
+        return f"Merge({self.status}, pairs: {pairs or 'none'}, grid={self.grid!r}: {self.reason})"
 
     @property
     def reason(self) -> str:

@@ -3,6 +3,7 @@
 from typing import Literal
 
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Float32
 
@@ -67,9 +68,11 @@ class Registration(eqx.Module):
             expressed in frame a.
         hypotheses: Best first, distinct poses.
         reason: One sentence for a person.
-        result: How the computation ended.
-        stats: "num_corners_a", "num_corners_b", "num_associations", "clique_size", "num_hypotheses",
-            "seconds" ({stage: s}), "free_space" ("observed", "inferred" or "unknown", the worse of both maps).
+        result: How the computation ended. Compare it, as in `found.result == vx.RESULTS.successful`: the text of a
+            success is empty, so that it prints as `RESULTS<>`.
+        stats: "num_associations", "clique_size", "num_hypotheses", "seconds" ({stage: s}), "free_space" ("observed",
+            "inferred" or "unknown", the worse of both maps); "num_corners_a" and "num_corners_b" only where corners
+            were looked for, that is where the first round of hypotheses did not decide.
     """
 
     T_a_b: Float32[Array, "4 4"]
@@ -85,6 +88,21 @@ class Registration(eqx.Module):
     def accepted(self) -> bool:
         """Whether the pose may be used without a person looking at it."""
         return self.verdict == "accepted"
+
+    def __repr__(self) -> str:
+        """One line: verdict, confidence, how far the pose moves and turns, and the reason."""
+        # Under a transformation of JAX, or as a tree of other leaves, there are no values to show.
+        if not isinstance(self.T_a_b, (np.ndarray, jax.Array)) or isinstance(self.T_a_b, jax.core.Tracer):
+            return f"Registration(verdict={self.verdict!r}, T_a_b={self.T_a_b})"
+        T = np.asarray(self.T_a_b, np.float64)
+        # From sine and cosine, either of which alone loses digits near 0 or 180 degrees.
+        skew = T[:3, :3] - T[:3, :3].T
+        turn = np.degrees(np.arctan2(np.linalg.norm(skew) / np.sqrt(8.0), (np.trace(T[:3, :3]) - 1.0) / 2.0))
+        place = ", ".join(f"{value:.3f}" for value in T[:3, 3])
+        return (
+            f"Registration({self.verdict}, confidence {self.confidence:.3f}, translation [{place}] m, "
+            f"turned by {turn:.2f} deg: {self.reason})"
+        )
 
     @property
     def best_score(self) -> float:
