@@ -18,12 +18,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ._runtime.forks import refused_after_fork
 from ._types import Array
 
 # The default precision of a float32 product is lower on some devices.
 _matmul = functools.partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
 
 
+@refused_after_fork
 def hat(omega: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
     """Return the skew matrix of `omega`, so that `hat(w) @ v = w x v`."""
     x, y, z = omega[..., 0], omega[..., 1], omega[..., 2]
@@ -73,6 +75,7 @@ def _identity_like(matrices: Array) -> Array:
     return jnp.broadcast_to(jnp.eye(3, dtype=matrices.dtype), matrices.shape)
 
 
+@refused_after_fork
 def exp_so3(omega: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
     """Rotation matrix of a rotation vector [rad]; smooth at zero."""
     a, b, _ = _series_coefficients(jnp.sum(omega * omega, axis=-1))
@@ -80,6 +83,7 @@ def exp_so3(omega: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
     return _identity_like(skew) + a[..., None, None] * skew + b[..., None, None] * _matmul(skew, skew)
 
 
+@refused_after_fork
 def exp(tangent: Float[Array, "*batch 6"]) -> Float[Array, "*batch 4 4"]:
     """Pose of a tangent vector (translation [m], rotation [rad])."""
     v, omega = tangent[..., :3], tangent[..., 3:]
@@ -92,6 +96,7 @@ def exp(tangent: Float[Array, "*batch 6"]) -> Float[Array, "*batch 4 4"]:
     return from_rotation_translation(rotation, _matmul(left_jacobian, v[..., None])[..., 0])
 
 
+@refused_after_fork
 def log_so3(rotation: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3"]:
     """Rotation vector [rad] of a rotation matrix, angle in [0, pi]; goes through the quaternion."""
     m00, m11, m22 = rotation[..., 0, 0], rotation[..., 1, 1], rotation[..., 2, 2]
@@ -132,6 +137,7 @@ def _angle_over_sine(norm_sq: Array, w: Array) -> Array:
     return jnp.where(is_small, 2.0 * series / w_safe, 2.0 * jnp.arctan2(norm_safe, w) / norm_safe)
 
 
+@refused_after_fork
 def log(T: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 6"]:
     """Tangent vector (translation [m], rotation [rad]) of a pose; inverse of `exp` for angles below pi."""
     omega = log_so3(T[..., :3, :3])
@@ -144,6 +150,7 @@ def log(T: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 6"]:
     return jnp.concatenate([v, omega], axis=-1)
 
 
+@refused_after_fork
 def from_rotation_translation(
     rotation: Float[Array, "*batch 3 3"], translation: Float[Array, "*batch 3"]
 ) -> Float[Array, "*batch 4 4"]:
@@ -188,6 +195,7 @@ def nearest_rotation(matrix: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch
     return (np.matmul if xp is np else _matmul)(xp.concatenate([u[..., :2], last], axis=-1), vt)
 
 
+@refused_after_fork
 def adjoint(T: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 6 6"]:
     """Matrix that moves tangents through a pose: `exp(adjoint(T) @ x) = T @ exp(x) @ inverse(T)`.
 
@@ -199,6 +207,7 @@ def adjoint(T: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 6 6"]:
     return jnp.concatenate([top, jnp.concatenate([jnp.zeros_like(rotation), rotation], axis=-1)], axis=-2)
 
 
+@refused_after_fork
 def apply(T: Float[Array, "4 4"], points: Float[Array, "*n 3"]) -> Float[Array, "*n 3"]:
     """Points [m] moved by the pose: `p_a = T_a_b @ p_b`."""
     moved = _matmul(points, jnp.swapaxes(T[:3, :3], 0, 1))

@@ -1,4 +1,4 @@
-"""Processes that are forked after kernels ran say so instead of hanging; others are not affected."""
+"""Processes that are forked after JAX began say so instead of hanging; others are not affected."""
 
 import os
 import subprocess
@@ -55,6 +55,48 @@ print(run())
     assert (first, other, last) == ("6.0", "another program", "6.0")
     assert by_kernel == by_register
     assert "multiprocessing.get_context('spawn')" in by_kernel
+
+
+def test_a_fork_after_jax_began_is_refused_by_whatever_runs_kernels():
+    code = """
+import inspect, voxjax.ops, voxjax.rigid
+from voxjax.ops.resampling.raycast import crossed_voxels
+from voxjax.ops.resampling.rigid import resample_rigid
+
+def functions(module):
+    members = {name: getattr(module, name) for name in module.__all__}
+    return {name: value for name, value in members.items() if callable(value) and not inspect.isclass(value)}
+
+on_host = {"read_map", "write_map", "use_compilation_cache", "near_tiles", "point_tree"}
+verbs = functions(vx) | functions(vx.ops)
+verbs |= {"crossed_voxels": crossed_voxels, "resample_rigid": resample_rigid}
+verbs |= {name: getattr(vx.rigid, name) for name in ("apply", "adjoint", "exp", "exp_so3", "hat", "log", "log_so3")}
+box = np.ones((9, 9, 9), bool)
+
+def refused():
+    said = set()
+    for name in verbs.keys() - on_host:
+        try:
+            verbs[name]()
+            said.add(name)
+        except RuntimeError as error:
+            said.add(str(error))
+        except TypeError:  # it has begun
+            said.add(name)
+    return "; ".join(said)
+
+jax.devices()
+child(refused)
+child(lambda: vx.box_count(box))
+grid = vx.VoxelGrid(2 * box.astype(np.uint8), np.zeros(3, np.float32), 0.5)
+child(lambda: vx.fuse([grid], [np.eye(4)]))
+child(lambda: vx.VoxelGrid(grid.states, grid.origin, 0.5).num_occupied)
+print(int(vx.box_count(box)[4, 4, 4]))
+"""
+    by_all, by_box, by_fuse, on_host, of_parent = _lines(code)
+    assert by_all == by_box == by_fuse
+    assert "forked after JAX had begun" in by_all
+    assert (on_host, of_parent) == ("729", "343")
 
 
 def test_a_fork_before_any_kernel_computes():

@@ -9,9 +9,13 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
+from .forks import refuse_after_fork
+
 
 def backend() -> str:
     """Name of the platform that JAX computes on by default: "cpu", "gpu", ..."""
+    # Whatever stands outside the public functions asks this before its first kernel.
+    refuse_after_fork()
     return jax.default_backend()
 
 

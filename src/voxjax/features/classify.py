@@ -4,6 +4,7 @@ import jax.numpy as jnp
 from jaxtyping import UInt8
 
 from .._checks import InputError, check_count, shown
+from .._runtime.forks import refused_after_fork
 from .._types import Array
 from ..grid import VoxelGrid
 from ..ops.window.box import check_shift, check_size
@@ -12,6 +13,7 @@ from ..ops.window.classes import Occupied, window_classes
 EMPTY, FLAT, EDGE, CORNER = 0, 1, 2, 3
 
 
+@refused_after_fork
 def classify_voxels(
     occupied: Occupied, *, size: int = 7, shift: int = 4, min_change: int = 20
 ) -> UInt8[Array, "x y z"]:

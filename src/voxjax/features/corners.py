@@ -6,6 +6,7 @@ import numpy as np
 
 from .._checks import check_choice, check_count, check_positive
 from .._runtime.buckets import bucket_size, pad_rows
+from .._runtime.forks import refused_after_fork
 from ..grid import VoxelGrid, check_grid, check_resolution
 from ..planes.extract import PlaneMap, extract_planes
 from ..planes.triples import PlaneTriples, intersect_planes
@@ -18,6 +19,7 @@ from .uncertainty import corner_covariance
 __all__ = ["Corners", "corners_of_planes", "detect_corners"]
 
 
+@refused_after_fork
 def detect_corners(
     grid: VoxelGrid,
     *,

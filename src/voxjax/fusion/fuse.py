@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._checks import InputError, check_choice, check_list, check_pose, check_voxel_size
+from .._runtime.forks import refused_after_fork
 from .._runtime.memory import check_memory
 from ..grid import VoxelGrid, check_grid, check_grids
 from ..ops.resampling.lattice import check_num_voxels, check_places, moved_bounds, origin_of_cell
@@ -18,6 +19,7 @@ from .soft import Lattice, check_soft_pose, fuse_soft, is_traced, soft_fuse_memo
 _ADVICE = "check the poses, leave out far maps, or give a larger voxel_size"
 
 
+@refused_after_fork
 def fuse(
     grids: Sequence[VoxelGrid],
     poses: Sequence[object],

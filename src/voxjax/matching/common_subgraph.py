@@ -9,6 +9,7 @@ from jaxtyping import Int, Int32
 
 from .._checks import InputError, check_choice, check_count
 from .._results import RESULTS
+from .._runtime.forks import refused_after_fork
 from .._types import Array
 from ..features.types import Corners
 from .backtracking import MAX_SEARCH_NODES as MAX_BACKTRACKING_NODES
@@ -60,6 +61,7 @@ class CommonSubgraph(eqx.Module):
         return np.array(self.associations, dtype=dtype, copy=copy)  # pyright: ignore
 
 
+@refused_after_fork
 def maximum_common_subgraph(
     corners_a: Corners,
     corners_b: Corners,

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int, Int32
 
 from .._checks import InputError, check_positive, shown
 from .._runtime.buckets import pad_rows, wide_bucket_size
+from .._runtime.forks import refused_after_fork
 from .._runtime.memory import check_memory
 from .._runtime.pieces import one_by_one, over_pieces
 from .._types import Array
@@ -44,6 +45,7 @@ class ConsistencyGraph(eqx.Module):
         return int(np.count_nonzero(np.asarray(self.mask)))
 
 
+@refused_after_fork
 def consistency_graph(
     corners_a: Corners,
     corners_b: Corners,

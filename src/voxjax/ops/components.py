@@ -22,6 +22,7 @@ from scipy import ndimage
 
 from .._checks import InputError, check_choice
 from .._runtime.buckets import bucket_size, pad_rows
+from .._runtime.forks import refused_after_fork
 from .._runtime.placement import on_host
 from .._runtime.tables import check_cells
 from .._types import Array
@@ -43,6 +44,7 @@ class Regions(NamedTuple):
     num_rounds: Int32[Array, ""]
 
 
+@refused_after_fork
 def connected_components(
     occupied: Bool[Array, "x y z"],
     *,
@@ -91,6 +93,7 @@ def connected_components(
     return labels, int(regions.num_regions)
 
 
+@refused_after_fork
 @partial(jax.jit, static_argnames=("flat_size", "connectivity"))
 def label_voxels(
     index: Int32[Array, "n 3"],
@@ -122,6 +125,7 @@ def label_voxels(
     )
 
 
+@refused_after_fork
 @partial(jax.jit, static_argnames=("flat_size", "connectivity", "is_signed"))
 def grow_regions(
     index: Int32[Array, "n 3"],

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int32, UInt8, UInt16, UInt32
 
 from .._checks import InputError, check_positive
+from .._runtime.forks import refused_after_fork
 from .._types import Array
 
 MAX_RADIUS = 15
@@ -42,6 +43,7 @@ class DistanceField(NamedTuple):
     nearest: Int32[Array, "x y z"]
 
 
+@refused_after_fork
 def distance_field(
     occupied: Bool[Array, "x y z"], *, radius: int, voxel_size: float | Float32[Array, ""]
 ) -> DistanceField:

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from .._runtime.forks import refused_after_fork
 from .._runtime.placement import on_host
 from .._types import Array
 
@@ -32,6 +33,7 @@ class EigenColumns(NamedTuple):
     is_defined: Bool[Array, "3 *n"]
 
 
+@refused_after_fork
 def eigen_by_columns(
     entries: Float[Array, "6 *n"], *, tolerance: float | Float[Array, ""] = 1e-3
 ) -> EigenColumns:
@@ -57,6 +59,7 @@ def eigen_by_columns(
     return EigenColumns(values, vectors, _stands_apart(values, jnp.asarray(tolerance, entries.dtype)))
 
 
+@refused_after_fork
 @jax.jit
 def symmetric_eigen(matrix: Float[Array, "*n 3 3"]) -> tuple[Float[Array, "*n 3"], Float[Array, "*n 3 3"]]:
     """Eigenvalues (ascending) and eigenvectors of symmetric 3x3 matrices, by `eigen_by_columns`.

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from .._checks import InputError, check_list
+from .._runtime.forks import refused_after_fork
 from ..grid import VoxelGrid, check_grids
 from ..registration.hypotheses.map_features import MapFeatures
 from ..registration.types import Registration
@@ -12,6 +13,7 @@ from .features import features_at, working_voxel_size
 from .pair import register, register_features
 
 
+@refused_after_fork
 def register_batch(
     pairs: Sequence[tuple[VoxelGrid, VoxelGrid]],
     *,

@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any, Literal
 
 from .._checks import InputError
+from .._runtime.forks import refused_after_fork
 from .._runtime.threads import spread
 from ..fusion.fuse import fuse
 from ..grid import VoxelGrid, check_grids
@@ -20,6 +21,7 @@ from .pose_graph import chain_poses, loop_errors, spanning_tree
 from .stage_times import OnStage, Stages
 
 
+@refused_after_fork
 def merge(
     grids: Sequence[VoxelGrid],
     *,

@@ -8,7 +8,7 @@ import numpy as np
 
 from .._checks import InputError, check_choice, check_pose, check_positive, shown
 from .._results import RESULTS
-from .._runtime.forks import refuse_after_fork
+from .._runtime.forks import refused_after_fork
 from .._runtime.mappings import release_kernels_if_crowded
 from .._runtime.threads import spread
 from ..grid import VoxelGrid, check_grid
@@ -28,6 +28,7 @@ from .memory_need import check_register_memory
 from .stage_times import Stages
 
 
+@refused_after_fork
 def register(
     a: VoxelGrid,
     b: VoxelGrid,
@@ -61,7 +62,6 @@ def register(
         InputError: If a setting or the guess cannot be used, or the maps need more memory than there is
             (`pipeline/memory_need.py`).
     """
-    refuse_after_fork()
     check_choice("preset", preset, ("default", "paper"))
     if preset == "paper" and (gravity_aligned or init_guess is not None or guess_uncertainty is not None):
         raise InputError(

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._runtime.forks import refused_after_fork
 from .._runtime.threads import spread
 from .._types import Array
 from ..grid import VoxelGrid
@@ -24,6 +25,7 @@ from .solve.pose import RefinedPose, problem_cost, solve_pose
 from .solve.problem import PoseProblem
 
 
+@refused_after_fork
 def refine(
     a: VoxelGrid | PreparedMap,
     b: VoxelGrid | PreparedMap,

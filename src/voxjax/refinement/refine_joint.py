@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 
 from .._checks import InputError, check_list
 from .._results import RESULTS
+from .._runtime.forks import refused_after_fork
 from .._types import Array
 from ..grid import VoxelGrid
 from ..maps.prepared import PreparedMap
@@ -36,6 +37,7 @@ from .solve.joint_problem import JointProblem
 from .solve.pose import problem_cost
 
 
+@refused_after_fork
 def refine_joint(
     grids: Sequence[VoxelGrid | PreparedMap],
     poses: Sequence[object] | Array,

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Int32, UInt16
 
 from ..._checks import InputError, check_choice, check_odd_window
 from ..._runtime.buckets import bucket_size
+from ..._runtime.forks import refused_after_fork
 from ..._runtime.placement import on_host
 from ..._types import Array
 from ..window.classes import MAX_SIZE, box_count
@@ -28,6 +29,7 @@ MIN_VOXELS = 1 << 24
 """Smallest grid that is counted in blocks: smaller ones stay in the caches, which helps the dense way."""
 
 
+@refused_after_fork
 def box_count_at(
     occupied: Occupied, index: Int32[Array, "n 3"], *, size: int = 7, implementation: str | None = None
 ) -> UInt16[Array, "n"]:

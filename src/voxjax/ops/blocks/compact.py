@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Int32, UInt8
 
 from ..._checks import InputError
+from ..._runtime.forks import refused_after_fork
 from ..._types import Array
 from ..bits import SPREAD, pack_spread
 
@@ -20,6 +21,7 @@ _GROUP = 4
 """Words of 16 voxels in a group: fewer mean more groups to mark, more mean more halving at each slot."""
 
 
+@refused_after_fork
 @partial(jax.jit, static_argnames=("size",))
 def occupied_indices(
     occupied: Bool[Array, "x y z"] | UInt8[Array, "x y z"], *, size: int

@@ -15,6 +15,7 @@ from jaxtyping import Bool, Int32, Shaped, UInt16, UInt32
 
 from ..._checks import InputError, check_odd_window
 from ..._runtime.buckets import bucket_size
+from ..._runtime.forks import refused_after_fork
 from ..._types import Array
 from ..bits import WORD
 from ..window.classes import MAX_SIZE
@@ -48,6 +49,7 @@ class Blocks(NamedTuple):
         return (self.words.shape[1] - BLOCK) // 2
 
 
+@refused_after_fork
 def list_blocks(words: Words, *, halo: int = 3) -> Blocks:
     """List the occupied blocks of a grid of bits; the list is as long as it must be, on the ladder of sizes.
 
@@ -68,6 +70,7 @@ def list_blocks(words: Words, *, halo: int = 3) -> Blocks:
     return cut_blocks(words, flags, halo=halo, capacity=bucket_size(count))
 
 
+@refused_after_fork
 @partial(jax.jit, static_argnames=("halo", "capacity"))
 def cut_blocks(words: Words, flags: Bool[Array, "bx by bz"], *, halo: int, capacity: int) -> Blocks:
     """Cut the flagged blocks out of a grid of bits.
@@ -121,6 +124,7 @@ def _cut(words: jax.Array, index: jax.Array, halo: int) -> jax.Array:
     return joined & np.uint32((1 << side) - 1)
 
 
+@refused_after_fork
 @partial(jax.jit, static_argnames=("size",))
 def count_in_blocks(blocks: Blocks, *, size: int = 7) -> UInt16[Array, "k 8 8 8"]:
     """`box_count` on listed blocks: the count of every voxel of each of them, exactly.
@@ -182,6 +186,7 @@ def _sum_along(terms: Array, axis: int, size: int) -> Array:
         width *= 2
 
 
+@refused_after_fork
 @partial(jax.jit, static_argnames=("lattice",))
 def take_from_blocks(
     values: Shaped[Array, "k 8 8 8"],
@@ -222,6 +227,7 @@ def _flat_place(index: jax.Array, lattice: tuple[int, int, int]) -> jax.Array:
     return (index[:, 0] * np.int32(lattice[1]) + index[:, 1]) * np.int32(lattice[2]) + index[:, 2]
 
 
+@refused_after_fork
 @partial(jax.jit, static_argnames=("shape",))
 def dense_from_blocks(
     values: Shaped[Array, "k 8 8 8"], blocks: Blocks, *, shape: tuple[int, int, int]

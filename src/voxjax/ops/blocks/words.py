@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, UInt8, UInt32
 
+from ..._runtime.forks import refused_after_fork
 from ..._types import Array
 from ..bits import WORD, pack_bits
 
@@ -23,6 +24,7 @@ BLOCK = 8
 """Edge of a block [voxel]: a byte of a word; also the margin along x and y."""
 
 
+@refused_after_fork
 def pack_words(occupied: Occupied) -> Words:
     """Pack a grid into words of 32 voxels along z, with a margin.
 

@@ -14,6 +14,7 @@ from jaxtyping import Float32
 
 from ..._checks import InputError
 from ..._runtime.buckets import bucket_size, pad_rows
+from ..._runtime.forks import refused_after_fork
 from ..._runtime.pieces import over_pieces
 from ..._runtime.placement import are_numpy, on_host
 from ..._types import Array
@@ -23,6 +24,7 @@ from .pairs import MOST_BINS, bytes_of, closeness, count_bins, is_within, monomi
 from .tiles import LEAF, TILE, NearTiles, padded_tiles
 
 
+@refused_after_fork
 def surface_normals(
     points: Float32[Array, "n 3"], near: NearTiles, *, radius: float | Float32[Array, ""]
 ) -> tuple[Float32[Array, "n 3"], Float32[Array, "n"]]:
@@ -64,6 +66,7 @@ def _normals(points: Any, near: NearTiles, radius: Any, *, from_host: bool) -> t
 _normals_kernel = jax.jit(partial(_normals, from_host=False))
 
 
+@refused_after_fork
 def point_feature_histograms(
     points: Float32[Array, "n 3"],
     normals: Float32[Array, "n 3"],

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..._runtime.buckets import bucket_size, pad_rows
+from ..._runtime.forks import refused_after_fork
 from ..._runtime.placement import are_numpy, on_host
 from ..._runtime.threads import spread
 from ..._types import Array
@@ -18,6 +19,7 @@ _APART = 1e30
 """Squared distance to rows that take no part; infinity would not survive a product with 0."""
 
 
+@refused_after_fork
 def mutual_nearest(
     descriptors_a: Float[Array, "n d"],
     descriptors_b: Float[Array, "m d"],

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float32, UInt32
 
 from ... import rigid
+from ..._runtime.forks import refused_after_fork
 from ..._runtime.materialize import materialized
 from ..._runtime.pieces import over_poses
 from ..._runtime.placement import on_host
@@ -19,6 +20,7 @@ from .lookup import Block, row_entries, turn_columns
 from .nearest import nearest_rows
 
 
+@refused_after_fork
 def align_poses(
     keys: UInt32[Array, "flat"],
     block: Block,

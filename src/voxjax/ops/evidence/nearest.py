@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Int32, UInt32
 
 from ..._checks import InputError
+from ..._runtime.forks import refused_after_fork
 from ..._runtime.materialize import materialized
 from ..._runtime.tables import check_cells
 from ..._types import Array
@@ -23,6 +24,7 @@ INDEX_BITS = 26
 NOTHING_NEAR = np.uint32(0xFFFFFFFF)
 
 
+@refused_after_fork
 @partial(jax.jit, static_argnames=("flat_size", "radius"))
 def nearest_field(
     index: Int32[Array, "n 3"],
@@ -114,6 +116,7 @@ def _spread_along(field: Array, stride: Array, size: Array, radius: int) -> Arra
     return jax.lax.fori_loop(1, radius + 1, take_step, field)
 
 
+@refused_after_fork
 def split_keys(keys: UInt32[Array, "*n"]) -> tuple[Int32[Array, "*n"], Int32[Array, "*n"]]:
     """Row of the nearest voxel and its squared distance [voxel^2] (63 where nothing is near)."""
     mask = np.uint32((1 << INDEX_BITS) - 1)

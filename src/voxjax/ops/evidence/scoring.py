@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float32, Int32, UInt8, UInt32
 
+from ..._runtime.forks import refused_after_fork
 from ..._runtime.materialize import materialized
 from ..._runtime.pieces import PIECES, sum_over_pieces
 from ..._runtime.placement import on_host
@@ -26,6 +27,7 @@ _OPPOSED = np.uint8(4)
 """A hit on a surface that faces the other way."""
 
 
+@refused_after_fork
 @jax.jit
 def evidence_codes(
     states: UInt8[Array, "n"],
@@ -187,6 +189,7 @@ def _sums(field: SurfaceField | CodeField, lists: tuple, poses: Array, batch_siz
     return found.astype(np.float32)
 
 
+@refused_after_fork
 def surface_evidence(
     codes: UInt8[Array, "flat"],
     keys: UInt32[Array, "flat"],
@@ -232,6 +235,7 @@ def surface_evidence(
     return jax.device_put((sums[:, :4], information))
 
 
+@refused_after_fork
 def score_poses(
     codes: UInt8[Array, "flat"],
     block: Block,

@@ -18,6 +18,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Shaped
 
 from ..._checks import InputError
+from ..._runtime.forks import refused_after_fork
 from ..._runtime.memory import check_memory
 from .tiles import Sliceable
 
@@ -36,6 +37,7 @@ class ShardedGrid(eqx.Module):
     mesh: Mesh = eqx.field(static=True)
 
 
+@refused_after_fork
 def shard_grid(grid: Sliceable, mesh: Mesh, *, max_halo: int = 7) -> ShardedGrid:
     """Cut a grid and lay its parts on the devices of a mesh; each process reads only the parts of its own devices.
 
@@ -83,6 +85,7 @@ def shard_grid(grid: Sliceable, mesh: Mesh, *, max_halo: int = 7) -> ShardedGrid
     return ShardedGrid(values, (x, y, z), mesh)
 
 
+@refused_after_fork
 @partial(jax.jit, static_argnames=("kernel", "halo"))
 def map_shards(kernel: Callable[[jax.Array], jax.Array], grid: ShardedGrid, *, halo: int) -> ShardedGrid:
     """Run a kernel on every part of a grid at once; the result is that of the whole grid, bit for bit.
@@ -135,6 +138,7 @@ def map_shards(kernel: Callable[[jax.Array], jax.Array], grid: ShardedGrid, *, h
     return ShardedGrid(run(grid.values), grid.shape, grid.mesh)
 
 
+@refused_after_fork
 def gather_shards(grid: ShardedGrid) -> np.ndarray:
     """The whole grid without its padding, on the host of every process; all processes must call it."""
     if grid.values.is_fully_addressable:

@@ -13,6 +13,7 @@ import jax
 import numpy as np
 
 from ..._checks import InputError
+from ..._runtime.forks import refused_after_fork
 from ..._runtime.memory import check_memory
 
 Kernel = Callable[[jax.Array], jax.Array]
@@ -62,6 +63,7 @@ class Tile(NamedTuple):
     keep: tuple[slice, ...]
 
 
+@refused_after_fork
 def map_tiles(
     kernel: Kernel, source: Sliceable, target: Writable, *, halo: int, tile: int | tuple[int, int, int] = 256
 ) -> None:

@@ -8,12 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int32, Shaped
 
+from ..._runtime.forks import refused_after_fork
 from ..._types import Array
 
 TIE = 1e-3
 """Centres on the border of two source voxels go to the upper one, whichever way float32 rounded [voxel]."""
 
 
+@refused_after_fork
 def backward_affine(
     T: Float[Array, "4 4"],
     source_origin: Float[Array, "3"],
@@ -42,6 +44,7 @@ def backward_affine(
     return jnp.concatenate([inverse * (target_voxel_size / source_voxel_size), offset[:, None]], axis=1)
 
 
+@refused_after_fork
 @functools.partial(jax.jit, static_argnames=("target_shape",))
 def resample_nearest(
     values: Shaped[Array, "x y z"],
@@ -69,6 +72,7 @@ def resample_nearest(
     return _take(values, place, inside)
 
 
+@refused_after_fork
 @functools.partial(jax.jit, static_argnames=("target_shape",))
 def resample_trilinear(
     values: Float[Array, "x y z"],

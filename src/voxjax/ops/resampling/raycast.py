@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float32, Int32, UInt8
 
 from ..._checks import LARGEST_LENGTH, InputError, as_float64, check_positive, check_voxel_size
 from ..._runtime.buckets import bucket_size, pad_rows
+from ..._runtime.forks import refused_after_fork
 from ..._runtime.memory import check_memory
 from ..._types import FREE, OCCUPIED, UNKNOWN, Array
 from .lattice import check_places
@@ -142,6 +143,7 @@ def flat_strides(shape: tuple[int, ...]) -> np.ndarray:
     return np.asarray([shape[1] * shape[2], shape[2], 1], np.int32)
 
 
+@refused_after_fork
 def crossed_voxels(
     starts: np.ndarray, ends: np.ndarray, shape: tuple[int, int, int], *, capacity: int = 0
 ) -> np.ndarray:

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32, Shaped, UInt8
 
 from ..._runtime.buckets import bucket_size
+from ..._runtime.forks import refused_after_fork
 from ..._runtime.memory import check_memory
 from ..._types import Array
 from .interpolate import TIE, is_within
@@ -99,6 +100,7 @@ def flat_source(values: np.ndarray) -> jax.Array:
     return jnp.asarray(padded)
 
 
+@refused_after_fork
 def resample_rigid(
     states: UInt8[np.ndarray, "x y z"],
     origin: Float32[np.ndarray, "3"],

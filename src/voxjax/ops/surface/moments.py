@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int32, UInt8
 
 from ..._checks import InputError, check_odd_window
+from ..._runtime.forks import refused_after_fork
 from ..._runtime.materialize import materialized
 from ..._runtime.pieces import over_pieces
 from ..._runtime.placement import are_numpy, on_host
@@ -49,6 +50,7 @@ class SurfaceMoments(NamedTuple):
     free_distance: UInt8[Array, "n 2"]
 
 
+@refused_after_fork
 def surface_moments(
     states: UInt8[Array, "x y z"], index: Int32[Array, "n 3"], *, size: int = 7, reach: int = 3
 ) -> SurfaceMoments:

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, UInt8, UInt16
 
 from ..._checks import InputError, check_choice, check_count, check_odd_window, check_three_axes, shown
+from ..._runtime.forks import refused_after_fork
 from ..._types import Array
 from . import box_sums
 
@@ -26,6 +27,7 @@ _PASSES = {
 IMPLEMENTATIONS = (*_PASSES, "pallas")
 
 
+@refused_after_fork
 @partial(jax.jit, static_argnames=("size", "implementation"))
 def box_count(
     occupied: Occupied, *, size: int = 7, implementation: str | None = None

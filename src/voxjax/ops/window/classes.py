@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from ..._checks import check_choice
+from ..._runtime.forks import refused_after_fork
 from ..._types import Array
 from .box import MAX_SIZE as MAX_SIZE
 from .box import Occupied as Occupied
@@ -28,6 +29,7 @@ def shift_directions(shift: int) -> np.ndarray:
     return shift * np.asarray(directions, np.int32)
 
 
+@refused_after_fork
 @partial(jax.jit, static_argnames=("size", "shift"))
 def count_change(occupied: Occupied, *, size: int = 7, shift: int = 4) -> UInt8[Array, "x y z 13"]:
     """Change of the occupied count when the window moves, per direction (section III).
@@ -67,6 +69,7 @@ def count_change(occupied: Occupied, *, size: int = 7, shift: int = 4) -> UInt8[
     return jnp.stack(percent, axis=-1)
 
 
+@refused_after_fork
 @partial(jax.jit, static_argnames=("size", "shift"))
 def count_steady_directions(
     occupied: Occupied, min_change: Array, *, size: int = 7, shift: int = 4
@@ -93,6 +96,7 @@ def count_steady_directions(
     return steady_directions(counts, min_change, occupied.shape, shift).astype(jnp.uint8)
 
 
+@refused_after_fork
 @partial(jax.jit, static_argnames=("size", "shift", "implementation"))
 def window_classes(
     occupied: Occupied, min_change: Array, *, size: int = 7, shift: int = 4, implementation: str | None = None
