@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import voxjax as vx
 from voxjax import InputError, VoxelGrid
+from voxjax.view import draw_grid
 
 
 def make_grid(seed=0, shape=(5, 6, 7), with_log_odds=False) -> VoxelGrid:
@@ -322,3 +323,21 @@ def test_a_step_of_float32_that_is_no_longer_than_a_voxel_is_not_refused():
     grid = VoxelGrid(np.full((3, 3, 3), 2, np.uint8), np.zeros(3), 0.5)
     assert grid.transformed(far).origin[0] == vx.fuse([grid], [far]).origin[0] == 5000000.0
     assert VoxelGrid.from_points(far[None, :3, 3], voxel_size=0.5).origin[0] == 5000000.0
+
+
+def test_what_takes_much_more_than_a_map_is_held_against_the_memory(monkeypatch):
+    monkeypatch.setenv("VOXJAX_MEMORY", "0.01")
+    grid = VoxelGrid(np.full((170, 160, 160), 2, np.uint8), np.zeros(3), 0.1)
+    for work in (grid.occupied_index, lambda: vx.detect_corners(grid), lambda: draw_grid(grid)):
+        with pytest.raises(InputError, match=r"needs about .* GB of memory"):
+            work()
+    with pytest.raises(InputError, match="corners in 4,352,000 voxels"):
+        vx.detect_corners(grid, preset="paper")
+
+
+@pytest.mark.parametrize("shape", [(3, 4, 5), (700, 40, 41), (0, 3, 3), (3, 0, 2), (2, 3, 0)])
+def test_places_of_occupied_voxels_come_in_blocks_of_planes(shape):
+    states = np.random.default_rng(0).integers(0, 3, shape).astype(np.uint8)
+    index = VoxelGrid(states, np.zeros(3), 0.1).occupied_index()
+    assert index.dtype == np.int32
+    np.testing.assert_array_equal(index, np.argwhere(states == 2))

@@ -6,6 +6,7 @@ and its centre lies half a voxel further. States live on the host until a kernel
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import equinox as eqx
@@ -23,6 +24,7 @@ from ._checks import (
     shown,
 )
 from ._grid_arrays import as_float32, as_states, check_log_odds, check_origin, check_states
+from ._runtime.memory import check_memory
 from ._types import FREE, OCCUPIED, UNKNOWN, Array
 from .ops.resampling.lattice import check_places, origin_in_voxels
 from .ops.resampling.raycast import grid_from_points
@@ -129,10 +131,27 @@ class VoxelGrid(eqx.Module):
         )
 
     def occupied_index(self) -> np.ndarray:
-        """Indices of the occupied voxels, int32 (n, 3), in lexicographic order."""
-        states = np.asarray(self.states)
-        flat = np.flatnonzero(states == OCCUPIED)
-        return np.stack(np.unravel_index(flat, states.shape), axis=-1).astype(np.int32)
+        """Indices of the occupied voxels, int32 (n, 3), in lexicographic order.
+
+        Raises:
+            InputError: If there is not enough memory for the list, which may be many times as large as a file was.
+        """
+        states, count = np.asarray(self.states), self.num_occupied
+        if count > 1 << 22:  # a short list is not worth the milliseconds of asking
+            advice = "crop the map, or take a larger voxel size"
+            check_memory(12.0 * count, f"the list of {count:,} occupied voxels", advice, on_device=False)
+        index, start = np.empty((count, 3), np.int32), 0
+        # A few planes at a time: NumPy's own indices are int64, several times as large as the list.
+        planes = max((1 << 20) // max(math.prod(states.shape[1:]), 1), 1)
+        for first in range(0, len(states), planes):
+            block = states[first : first + planes]
+            places = np.nonzero(block == OCCUPIED)
+            rows = index[start : start + len(places[0])]
+            for axis in range(3):
+                rows[:, axis] = places[axis]
+            rows[:, 0] += first
+            start += len(rows)
+        return index
 
     def occupied_points(self) -> np.ndarray:
         """Centres of the occupied voxels, float32 (n, 3) [m], same order as `occupied_index`."""
@@ -141,8 +160,12 @@ class VoxelGrid(eqx.Module):
     def world_from_index(self, index: Int[Array, "*n 3"] | Float[Array, "*n 3"]) -> np.ndarray:
         """Centres [m] of voxel indices; fractional indices are fine."""
         # In float64 and rounded once: the origin may be large beside a voxel.
-        offset = (np.asarray(index, np.float64) + 0.5) * self.voxel_size
-        return (np.asarray(self.origin, np.float64) + offset).astype(np.float32)
+        places = np.array(index, np.float64)
+        # In place: each step would otherwise leave a list twice as large as what is given.
+        places += 0.5
+        places *= self.voxel_size
+        places += np.asarray(self.origin, np.float64)
+        return places.astype(np.float32)
 
     def index_from_world(self, points: Float[Array, "*n 3"]) -> np.ndarray:
         """Indices int32 of the voxels that hold the points [m]; may lie outside the grid.

@@ -7,6 +7,7 @@ import numpy as np
 from .._checks import check_choice, check_count, check_positive
 from .._runtime.buckets import bucket_size, pad_rows
 from .._runtime.forks import refused_after_fork
+from .._runtime.memory import check_memory
 from ..grid import VoxelGrid, check_grid, check_resolution
 from ..planes.extract import PlaneMap, extract_planes
 from ..planes.triples import PlaneTriples, intersect_planes
@@ -43,18 +44,29 @@ def detect_corners(
 
     Raises:
         InputError: If the preset is unknown, a length is not positive, or the map lies so far from the origin of its
-            frame that float32 cannot place its voxels.
+            frame that float32 cannot place its voxels, or needs more memory than there is.
     """
     check_grid("grid", grid)
     check_choice("preset", preset, ("default", "paper"))
     check_positive("virtual_reach", virtual_reach, "m")
     check_count("max_virtual", max_virtual)
     check_resolution(grid)
+    _check_memory(grid, preset)
     if preset == "paper":
         return _padded(paper_corners(grid).corners)
     return corners_of_planes(
         grid, extract_planes(grid), virtual=virtual, virtual_reach=virtual_reach, max_virtual=max_virtual
     )
+
+
+def _check_memory(grid: VoxelGrid, preset: str) -> None:
+    """Refuse a map for which the memory does not suffice: its file may have been a few bytes."""
+    # The paper counts in the window of each voxel. Planes take 290 bytes and more for each occupied voxel of a room,
+    # more where they fill a volume: what is surely too much is refused, and nothing else.
+    num_voxels, num_occupied = float(grid.states.size), float(grid.num_occupied)
+    need = 6.0 * num_voxels if preset == "paper" else 2.0 * num_voxels + 200.0 * num_occupied
+    what = f"finding corners in {num_voxels:,.0f} voxels, {num_occupied:,.0f} of them occupied,"
+    check_memory(need, what, "crop the map, or take a larger voxel size")
 
 
 def corners_of_planes(

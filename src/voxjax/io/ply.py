@@ -84,8 +84,8 @@ def encode_ply(grid: VoxelGrid) -> bytes:
     Raises:
         InputError: If there is not enough memory.
     """
-    # The most that was seen: 72 bytes for a point.
-    check_memory(80.0 * grid.num_occupied, "the cloud", "write the map as .npz", on_device=False)
+    # The most that was seen: 48 bytes for a point.
+    check_memory(50.0 * grid.num_occupied, "the cloud", "write the map as .npz", on_device=False)
     points = grid.occupied_points().astype("<f4")
     lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
     lines += [*(f"property float {axis}" for axis in "xyz"), "end_header", ""]

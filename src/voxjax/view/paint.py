@@ -6,6 +6,7 @@ Both draw larger than asked by a whole factor and average down, which smooths th
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
+from .._runtime.memory import check_memory
 from .colors import BACKGROUND, FREE_TINT
 
 
@@ -43,9 +44,13 @@ def paint_isometric(
     spans = (2.0 * (np.ptp(across) + 2), float(np.ptp(down) + 4))  # in half-edges of a voxel
     half, factor = _best_scale(spans, width, height)
     order = np.argsort(index.sum(axis=1, dtype=np.int64), kind="stable")  # far to near
-    pixel_x = (across[order] - across.min() + 1) * 2 * half
-    pixel_y = (down[order] - down.min()) * half
+    # Places in the picture are counted in int64, for indices of voxels may be int32.
+    pixel_x = (across[order].astype(np.int64) - across.min() + 1) * 2 * half
+    pixel_y = (down[order].astype(np.int64) - down.min()) * half
     big = (int(pixel_y.max()) + 4 * half + 1, int(pixel_x.max()) + 2 * half + 1)
+    # For each of its pixels: who is seen and how far, the shade, and the colours before they are one byte.
+    what = f"a picture of {big[1]:,} x {big[0]:,} pixels before it is made smaller"
+    check_memory(60.0 * big[0] * big[1], what, "crop the map, or take a larger voxel size", on_device=False)
     owner = np.full(big, -1, np.int64)
     for dx, dy, face in _cube_stamp(half):
         # The nearest voxel has the highest rank, so the maximum settles who is seen.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from .._runtime.memory import check_memory
 from .._types import FREE, OCCUPIED, Array
 from .colors import SHARED_COLOR, color_by_height, map_color, tint_by_height
 from .paint import ceiling_cut, paint_isometric, paint_top
@@ -36,10 +37,14 @@ def draw_grid(
         color: None colours by height; one colour, or one for each of `grid.occupied_index()`, is tinted.
         view: "isometric" or "top".
         cut_ceiling: Whether the upper part of closed buildings is taken off, so that the rooms are seen.
+
+    Raises:
+        InputError: If there is not enough memory.
     """
     states = np.asarray(grid.states)
+    _check_memory(grid)
     is_occupied = states == OCCUPIED
-    index = np.argwhere(is_occupied)
+    index = grid.occupied_index()
     heights = index[:, 2].astype(np.float64)
     cut = ceiling_cut(is_occupied) if cut_ceiling else states.shape[2]
     is_below = index[:, 2] < cut
@@ -59,6 +64,15 @@ def draw_grid(
         column_color[index[layer, 0], index[layer, 1]] = shown[layer]
     below = np.arange(states.shape[2]) < cut
     return paint_top(is_occupied & below, (states == FREE) & below, column_color, width=width, height=height)
+
+
+def _check_memory(grid: VoxelGrid) -> None:
+    """Refuse a map for which the memory does not suffice: its file may have been a few bytes."""
+    num_voxels, columns = float(grid.states.size), float(grid.shape[0]) * grid.shape[1]
+    # Masks of what is occupied and free; places, colours and ranks of what is drawn; heights and colours from above.
+    need = 3.0 * num_voxels + 100.0 * grid.num_occupied + 40.0 * columns
+    what = f"a picture of {' x '.join(map(str, grid.shape))} voxels"
+    check_memory(need, what, "crop the map, or take a larger voxel size", on_device=False)
 
 
 def seen_by(
