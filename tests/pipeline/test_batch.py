@@ -77,4 +77,4 @@ def test_wrong_entries_are_refused_where_types_are_not_checked():
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True
     )
-    assert done.stdout.startswith("pairs[1] must be two VoxelGrid maps")
+    assert done.stdout.startswith("pairs[1][1] must be a VoxelGrid, got 3")

@@ -128,7 +128,8 @@ def _fuse_trilinear(
     check_num_voxels(np.asarray(target.shape), "the fused map", _ADVICE)
     low = np.asarray(target.origin)
     check_places(
-        np.stack([low, low + np.float32(target.voxel_size) * np.float32(target.shape)]), target.voxel_size
+        np.stack([low, low + np.float32(target.voxel_size) * np.asarray(target.shape, np.float32)]),
+        target.voxel_size,
     )
     need = soft_fuse_memory(int(np.prod(target.shape)), [grid.states.size for grid in grids])
     check_memory(need, f"a soft fused map of {' x '.join(map(str, target.shape))} voxels", _ADVICE)

@@ -5,6 +5,7 @@ from typing import Literal
 import equinox as eqx
 import jax
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Float32
 
 from .._results import RESULTS
@@ -92,7 +93,7 @@ class Registration(eqx.Module):
     def __repr__(self) -> str:
         """One line: verdict, confidence, how far the pose moves and turns, and the reason."""
         # Under a transformation of JAX, or as a tree of other leaves, there are no values to show.
-        if not isinstance(self.T_a_b, (np.ndarray, jax.Array)) or isinstance(self.T_a_b, jax.core.Tracer):
+        if not isinstance(self.T_a_b, (np.ndarray, jax.Array)) or isinstance(self.T_a_b, Tracer):
             return f"Registration(verdict={self.verdict!r}, T_a_b={self.T_a_b})"
         T = np.asarray(self.T_a_b, np.float64)
         # From sine and cosine, either of which alone loses digits near 0 or 180 degrees.
