@@ -57,6 +57,7 @@ def test_one_voxel_gives_a_finite_pose():
         ({"T_a_b": np.ones((4, 4))}, "T_a_b"),
         ({"max_distance": -1.0}, "max_distance"),
         ({"num_points": 0}, "num_points"),
+        ({"num_points": 10**12}, "num_points must be at most 10000000, got 1000000000000"),
     ],
 )
 def test_bad_input_is_one_sentence(pair, changes, word):

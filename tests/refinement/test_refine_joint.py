@@ -110,6 +110,7 @@ def test_nothing_to_refine_is_an_outcome(team):
         ({"pairs": [(1, 1)]}, "pairs"),
         ({"pairs": [(0, 1), (1, 0)]}, "pairs"),
         ({"num_points": 0}, "num_points"),
+        ({"num_points": 10**12}, "num_points must be at most 10000000, got 1000000000000"),
         ({"max_distance": 0.0}, "max_distance"),
     ],
 )

@@ -17,7 +17,7 @@ from ..solve.problem import PoseProblem
 from .joint_pairs import Pair
 from .joint_tables import in_common_tables
 from .pair import checked_residuals, terms_between
-from .parts import Points, Target, centre_of, points_of, target_of
+from .parts import Points, Target, centre_of, check_num_points, points_of, target_of
 from .views import MapView, as_view
 
 
@@ -73,8 +73,9 @@ def joint_maps(
         num_points: Voxels of each sample.
 
     Raises:
-        InputError: If the maps are too large for one table.
+        InputError: If the maps are too large for one table, or `num_points` is out of its range.
     """
+    check_num_points(num_points)
     # Points and tables are made once a map, however many pairs it is in.
     used = set(itertools.chain(*pairs))
     views = {

@@ -16,7 +16,7 @@ from ..residuals.occupancy import Occupancies
 from ..residuals.planes import SLIDE_WEIGHT, PointToPlane, Sample
 from ..residuals.terms import Term
 from ..solve.problem import PoseProblem
-from .parts import Points, Target, centre_of, points_of, target_of
+from .parts import Points, Target, centre_of, check_num_points, points_of, target_of
 from .views import MapView, as_view
 
 
@@ -24,11 +24,10 @@ def check_options(loss: str, num_points: int) -> None:
     """Refuse what no refinement can work with.
 
     Raises:
-        InputError: If the loss is not known, or no point is to be used.
+        InputError: If the loss is not known, or `num_points` is no number of points that a sample can have.
     """
     check_choice("loss", loss, get_args(Loss))
-    if num_points < 1:
-        raise InputError(f"num_points must be 1 or more, got {num_points}.")
+    check_num_points(num_points)
 
 
 def checked_residuals(residuals: Mapping[str, float] | None) -> dict[str, float]:
@@ -92,8 +91,9 @@ def pose_problem(
             way round give the inverse pose.
 
     Raises:
-        InputError: If a kind is not known or a weight not positive.
+        InputError: If a kind is not known, a weight not positive, or `num_points` out of its range.
     """
+    check_num_points(num_points)
     kinds = checked_residuals(residuals)
     a, b = as_view(a), as_view(b)
     ways = [(target_of(a, kinds), points_of(b, kinds, num_points))]

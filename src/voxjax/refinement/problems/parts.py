@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ..._checks import InputError, check_count, shown
 from ..._runtime.placement import to_device
 from ..._types import FREE, OCCUPIED, Array
 from ...maps.prepared import sample_rows
@@ -80,6 +81,18 @@ def surface_of(view: MapView, *, is_signed: bool) -> NearestSurface:
         is_signed=to_device(np.bool_(is_signed)),
         trust=view.occupancy,
     )
+
+
+def check_num_points(num_points: object, most: int = 10_000_000) -> None:
+    """Raise unless `num_points` is a size of a sample.
+
+    A sample repeats the voxels of a map that has fewer, so the map bounds nothing: `most` does, as in `Config`.
+
+    Raises:
+        InputError: If it is no whole number from 1 to `most`.
+    """
+    if check_count("num_points", num_points, 1) > most:
+        raise InputError(f"num_points must be at most {most}, got {shown(num_points)}; give fewer.")
 
 
 def sample_of(view: MapView, num_points: int) -> Sample:
