@@ -211,3 +211,33 @@ def test_states_take_no_more_memory_than_their_number(monkeypatch):
         assert tracemalloc.get_traced_memory()[1] < 1.2 * 27e6
     finally:
         tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    "shape", [(5, 6, 7), (130, 3, 70), (2, 1, 20_000), (20_000, 2, 1), (1, 9000, 2), (0, 3, 2)]
+)
+def test_the_first_index_may_run_fastest(shape):
+    states = np.random.default_rng(0).integers(0, 3, shape).astype(np.uint8)
+    found = decode_npz(members(states=np.asfortranarray(states))).states
+    np.testing.assert_array_equal(found, states)
+    assert found.flags.c_contiguous
+
+
+def test_locked_and_doubled_arrays_are_refused_in_our_words():
+    with pytest.warns(UserWarning, match="Duplicate name"):
+        doubled = doubled_states()
+    with pytest.raises(InputError, match="two arrays of the same name"):
+        decode_npz(doubled)
+    locked = bytearray(members())
+    # The flags of the first entry stand 8 bytes after the signature of its row in the table of contents.
+    locked[locked.find(b"PK\x01\x02") + 8] |= 1
+    with pytest.raises(InputError, match="'voxjax_map' is encrypted; write"):
+        decode_npz(bytes(locked))
+
+
+def doubled_states() -> bytes:
+    """A map file with two members of the name states.npy."""
+    buffer = io.BytesIO(members())
+    with zipfile.ZipFile(buffer, "a") as archive:
+        archive.writestr("states.npy", b"")
+    return buffer.getvalue()

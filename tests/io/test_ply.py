@@ -82,6 +82,7 @@ def test_a_grid_is_written_as_the_centres_of_its_occupied_voxels():
         (b"", "first line"),
         (b"plywood", "first line"),
         (b"ply\nformat ascii 1.0\n", "end_header"),
+        (header("ascii", "format ascii 1.0", "element vertex 0", *XYZ), "two lines 'format'"),
         (header("binary_middle_endian", "element vertex 0", *XYZ), "format must be"),
         (header("ascii", "element face 0"), "element 'vertex'"),
         (header("ascii", "element vertex minus"), "cannot be understood"),

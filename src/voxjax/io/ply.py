@@ -105,7 +105,7 @@ def _read_ascii(data: bytes, start: int, before: list[Element], vertex: Element,
             rows = islice(_rows(data, start), first, first + vertex.count)
             table = np.loadtxt(rows, comments=None, ndmin=2)
         except ValueError as error:
-            reason = str(error).partition(";")[0][:120]
+            reason = str(error).partition(";")[0][:120].rstrip(".")
             raise InputError(f"each vertex must have {width} numbers ({reason})") from error
     if table.shape[1] != width:
         raise InputError(f"each vertex must have {width} numbers, but they have {table.shape[1]}")
@@ -160,6 +160,8 @@ def _read_header(data: bytes) -> tuple[str, list[Element], int]:
             return form, elements, position
         count = whole_number(words[2]) if words[:1] == ["element"] and len(words) == 3 else None
         if words[:1] == ["format"] and len(words) == 3:
+            if form:
+                raise InputError("the header has two lines 'format'")
             form = words[1]
         elif count is not None:
             elements.append(Element(words[1], count, []))

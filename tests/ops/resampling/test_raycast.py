@@ -132,6 +132,7 @@ def test_cloud_without_points_is_one_unknown_voxel():
         (np.zeros((4, 3)), {"sensor_origins": [0, 0, np.inf]}, "sensor_origins must be finite"),
         (np.zeros((4, 3)), {"sensor_origins": [0, 0, 0], "max_range": 0.0}, "max_range must be"),
         (np.zeros((4, 3)), {"max_range": 2.0}, "max_range needs sensor_origins"),
+        (np.zeros((1, 3)), {"sensor_origins": [1e6, 0.0, 0.0]}, r"a ray crosses 1e\+07 voxels"),
     ],
 )
 def test_unusable_input_is_refused_in_one_sentence(points, options, words):

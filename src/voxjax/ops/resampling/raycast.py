@@ -206,6 +206,7 @@ def grid_from_points(
     # Rays first, points after them: a voxel that holds a point is occupied, whatever else crosses it.
     states = np.full(shape, UNKNOWN, np.uint8)
     if sensor_origins is not None:
+        _check_steps(starts, ends, voxel_size)
         states[crossed_voxels(starts / voxel_size - low, ends / voxel_size - low, shape)] = FREE
     hits = np.floor(ends[is_hit] / voxel_size).astype(np.int64) - low
     states[tuple(hits.T)] = OCCUPIED
@@ -268,6 +269,15 @@ def _check_memory(shape: tuple[int, int, int], voxel_size: float, *, has_rays: b
     num_voxels = shape[0] * shape[1] * shape[2]
     what = f"a grid of {' x '.join(map(str, shape))} voxels of {voxel_size:g} m"
     check_memory(num_voxels * (5.0 if has_rays else 1.0), what, _ADVICE, on_device=has_rays)
+
+
+def _check_steps(starts: np.ndarray, ends: np.ndarray, voxel_size: float, *, most: int = 1 << 18) -> None:
+    """Refuse a ray [m] that crosses more than `most` voxels: all rays of a batch walk as long as its longest one."""
+    longest = float(np.abs(ends - starts).sum(axis=1).max(initial=0.0)) / voxel_size
+    if longest > most:
+        raise InputError(
+            f"a ray crosses {longest:.3g} voxels of {voxel_size:g} m, more than {most:,}; {_ADVICE}."
+        )
 
 
 def _lattice_box(
