@@ -220,7 +220,7 @@ def test_the_first_index_may_run_fastest(shape):
     states = np.random.default_rng(0).integers(0, 3, shape).astype(np.uint8)
     found = decode_npz(members(states=np.asfortranarray(states))).states
     np.testing.assert_array_equal(found, states)
-    assert found.flags.c_contiguous
+    assert np.asarray(found).flags.c_contiguous
 
 
 def test_locked_and_doubled_arrays_are_refused_in_our_words():

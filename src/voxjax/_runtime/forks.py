@@ -40,7 +40,7 @@ def refused_after_fork(function: F) -> F:
 
     # A jitted function can also be asked for its program, as the benchmarks do.
     if hasattr(function, "lower"):
-        call.lower = function.lower  # pyright: ignore[reportFunctionMemberAccess]
+        call.lower = function.lower  # pyright: ignore[reportAttributeAccessIssue]
     return cast(F, call)
 
 
