@@ -35,6 +35,8 @@ def same_kind(
     """
     pairs = np.asarray(associations)
     kind_a, kind_b = np.asarray(convexity_a)[pairs[:, 0]], np.asarray(convexity_b)[pairs[:, 1]]
+    # A corner whose faces were not seen may be of any kind, so it goes with all: an association that is left
+    # out here cannot come back, whereas a wrong one still has to agree with all others.
     return pairs[(kind_a == kind_b) | (kind_a == KIND_UNKNOWN) | (kind_b == KIND_UNKNOWN)]
 
 
@@ -49,6 +51,8 @@ def check_associations(associations: Int[Array, "k 2"], count_a: int, count_b: i
         raise InputError(
             f"associations must be whole numbers of shape (k, 2), got {pairs.dtype} of shape {pairs.shape}."
         )
+    # A negative index is refused although NumPy would take it: it would count from the end, and stands for
+    # padding in the kernels.
     if len(pairs) and (pairs.min() < 0 or (pairs.max(axis=0) >= (count_a, count_b)).any()):
         raise InputError(
             f"associations must index {count_a} points of a and {count_b} of b from 0, "

@@ -71,6 +71,7 @@ def backtrack(
     References:
         Section IV.C, Algorithm 1.
     """
+    # The points are not known here, so indices are only checked to be whole, not negative, and within int32.
     pairs = check_associations(associations, np.iinfo(np.int32).max, np.iinfo(np.int32).max)
     search = _Backtracking(
         pairs, np.asarray(adjacency)[: len(pairs), : len(pairs)], extend, max_nodes, max_schemes
@@ -115,12 +116,15 @@ class _Backtracking:
         self.pairs = pairs[order]
         packed = np.packbits(adjacency[np.ix_(order, order)], axis=1, bitorder="little")
         self.compatible = [int.from_bytes(row.tobytes(), "little") for row in packed]
+        # No index is negative, so -1 before the first association starts the first row, too.
         starts = np.flatnonzero(np.diff(self.pairs[:, 0], prepend=-1)).tolist()
         ends = [*starts[1:], len(pairs)]
         self.rows = [(1 << end) - (1 << start) for start, end in zip(starts, ends, strict=False)]
         self.later = [(1 << len(pairs)) - (1 << end) for end in ends]
         self.extend = extend
         self.max_nodes, self.max_schemes = max_nodes, max_schemes
+        # The best size is 1 before anything is found: an empty scheme, which the path without any match leads
+        # to, is no result.
         self.num_nodes, self.best_size, self.has_all_ties = 0, 1, True
         self.schemes: list[np.ndarray] = []
         self.known: list[set[tuple[int, int]]] = []
@@ -132,18 +136,24 @@ class _Backtracking:
         if len(self.pairs):
             everything = (1 << len(self.pairs)) - 1
             self.stack.append(_Row(0, everything & self.rows[0], everything))
+        # The stack stands for recursion, whose depth would be the number of corners of a: Python ends its own at
+        # a thousand unless told otherwise.
         while self.stack:
+            # A row is met again when everything below it is done: its match then leaves M before the next one
+            # is tried.
             top = self.stack[-1]
             if top.is_matched:
                 self.matches.pop()
                 top.is_matched = False
             if top.untried:
+                # The budget is asked before a match is made, so that the schemes so far stand as they are.
                 if self.num_nodes >= self.max_nodes:
                     return False
                 self._match(top)
             elif not top.is_finished:
                 # All candidates were tried: go on with this row unmatched, once.
                 top.is_finished = True
+                # The best scheme may well leave a corner of a out, which the other map may not show at all.
                 self._advance(top.row, top.allowed & self.later[top.row])
             else:
                 self.stack.pop()
@@ -153,6 +163,8 @@ class _Backtracking:
         """The next compatible candidate of the row joins M."""
         # Section IV.C: a first transform is calculated when there are five matches.
         early_count = 5
+        # The lowest bit comes first, that is the candidates in their given order: equal inputs find ties in
+        # equal order.
         bit = (top.untried & -top.untried).bit_length() - 1
         top.untried &= top.untried - 1
         self.num_nodes += 1
@@ -161,6 +173,8 @@ class _Backtracking:
         if self.extend is not None and len(self.matches) >= early_count:
             self._extend(self.extend)
         else:
+            # What is compatible with all matches before and with this one stays allowed; rows up to this one
+            # are decided.
             self._advance(top.row, top.allowed & self.compatible[bit] & self.later[top.row])
 
     def _advance(self, row: int, allowed: int) -> None:
@@ -171,6 +185,7 @@ class _Backtracking:
         if not self._may_reach(allowed):
             return
         row += 1
+        # This ends, because `allowed` has bits of later rows alone and is not zero.
         while not allowed & self.rows[row]:
             row += 1
         self.stack.append(_Row(row, allowed & self.rows[row], allowed))
@@ -180,6 +195,8 @@ class _Backtracking:
         needed = self.best_size - len(self.matches)
         if allowed.bit_count() < needed:
             return False
+        # The number of candidates costs one instruction to compare; the number of rows, which a scheme has one
+        # match each of at most, is the sharper bound and is only counted where the first lets the branch pass.
         num_rows = sum(1 for row in self.rows if row & allowed)
         # With exactly as many rows as are needed nothing larger can come, only ties.
         if num_rows == needed and len(self.schemes) >= self.max_schemes:
@@ -191,6 +208,7 @@ class _Backtracking:
         """Early transform, unless the five matches belong to a scheme that is known."""
         seed = self.pairs[self.matches]
         as_set = {(int(i), int(j)) for i, j in seed}
+        # The transform of five matches of a known scheme would lead to that scheme again, or nearly.
         if any(as_set <= scheme for scheme in self.known):
             return
         # A search by transforms alone would otherwise not come to its budget for minutes.
@@ -203,6 +221,7 @@ class _Backtracking:
             return
         as_set = {(int(i), int(j)) for i, j in scheme}
         if len(scheme) > self.best_size:
+            # Ties that were left out of smaller schemes do not matter any more.
             self.best_size, self.schemes, self.known, self.has_all_ties = len(scheme), [], [], True
         if as_set in self.known:
             return

@@ -156,6 +156,7 @@ def subgraph_from_graph(
         max_ties: Number of tied sets to keep; 1 saves the search for ties.
     """
     count = graph.num_associations
+    # Padding rows come last and have no edges: the search need not see them.
     adjacency = np.asarray(graph.adjacency)[:count, :count]
     pairs = np.asarray(graph.associations)
     clique = maximum_clique(

@@ -31,6 +31,7 @@ def distance_consistency(
 
     def distances(nodes: Array) -> Array:
         # Differences first, then squares: a Gram matrix would lose millimetres in float32.
+        # One axis comes after the other: an array of all differences would be three times that of the distances.
         squared = jnp.zeros((nodes.shape[0], nodes.shape[0]), nodes.dtype)
         for axis in range(3):
             gap = nodes[:, axis][:, None] - nodes[:, axis][None, :]
@@ -39,6 +40,7 @@ def distance_consistency(
 
     length_a, length_b = distances(nodes_a), distances(nodes_b)
     index_a, index_b = associations[:, 0], associations[:, 1]
+    # The diagonal falls with it, as each association shares both corners with itself.
     shares_corner = (index_a[:, None] == index_a[None, :]) | (index_b[:, None] == index_b[None, :])
     is_real = index_a >= 0
     return (
@@ -73,6 +75,7 @@ def rotations_agree(
     """
     rotations = _cyclic_rotations(frames_a, frames_b)
     first, second = rotations[edges[:, 0]], rotations[edges[:, 1]]
+    # The sum over both indices is the trace of R_1^T R_2, for each of the 3 x 3 choices of orders.
     trace = jnp.max(jnp.einsum("esij,etij->est", first, second), axis=(1, 2))
     # Scaled by the size of the implied matrices, so that slightly skew frames do not fail for their skew.
     norm = jnp.linalg.norm(rotations.reshape(rotations.shape[0], 3, 9), axis=-1)[:, 0]
@@ -98,8 +101,10 @@ def normals_agree(
         pairs = ((normals[i], normals[j]), (normals[i], line), (normals[j], line))
         return jnp.stack([jnp.sum(u * v, axis=-1, dtype=u.dtype) for u, v in pairs], axis=-1)
 
+    # Rounding may carry a cosine past 1, and the root below would be NaN.
     c = jnp.clip(cosines(nodes_a, normals_a), -1.0, 1.0)
     d = jnp.clip(cosines(nodes_b, normals_b), -1.0, 1.0)
     # cos(alpha - beta) without arc cosines.
     cosine_of_gap = c * d + jnp.sqrt((1.0 - c * c) * (1.0 - d * d))
+    # The slack is some units in the last place of float32: angles that are equal may not fail for rounding.
     return jnp.all(cosine_of_gap >= jnp.cos(angle_tolerance) - 1e-6, axis=-1)

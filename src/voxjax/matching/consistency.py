@@ -156,7 +156,9 @@ def pairwise_consistency(
         "give fewer candidates",
     )
     size = _padded_size(len(pairs))
+    # Points are gathered on the host, so that the kernel sees one shape whatever the numbers of corners are.
     nodes = [_gather(p, pairs[:, side], size) for side, p in enumerate((points_a, points_b))]
+    # NaN would fail every comparison in silence, and its corner would just never match.
     for name, places in zip("ab", nodes, strict=True):
         if not np.isfinite(places).all():
             raise InputError(
@@ -210,6 +212,7 @@ def _keep_edges(adjacency: np.ndarray, agree) -> None:
     # Row and column of each edge, once as NumPy lists them and once as the kernel takes them, and what is rejected.
     num_edges = np.count_nonzero(adjacency) // 2
     check_memory(32.0 * num_edges, f"a consistency graph of {num_edges} edges", "give fewer candidates")
+    # The angles are symmetric: half of the edges tell all.
     edges = np.argwhere(np.triu(adjacency)).astype(np.int32)
     if len(edges) == 0:
         return

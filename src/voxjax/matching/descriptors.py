@@ -98,12 +98,15 @@ def describe_map(
     use_free = has_free if use_free_space is None else use_free_space
     index = grid.occupied_index()
     points = grid.occupied_points()
+    # Points are centred in float64 before they become float32, so that maps far from their origin keep their
+    # digits.
     center = points.mean(axis=0, dtype=np.float64) if len(points) else np.zeros(3)
     centred = points.astype(np.float64) - center
     toward_free = _free_directions(np.asarray(grid.states), index) if use_free else None
     levels = []
     for scale in scales:
         cell, means = _average_by_cell(centred, scale * spacing)
+        # The coarse scale is always there: every map has a level that another can be matched with.
         if scale == scales[-1] or len(means) <= max_fine_points:
             side = None if toward_free is None else _sum_by_cell(cell, toward_free, len(means))
             levels.append(_describe_level(means, side, scale * spacing))
@@ -125,6 +128,7 @@ def match_descriptors(
     Raises:
         InputError: If the levels have different spacings.
     """
+    # Voxel sizes that went through float32 or text differ in their last digits, and so do the spacings.
     if not np.isclose(a.spacing, b.spacing, rtol=1e-5):
         raise InputError(
             f"descriptors must have the same spacing in both maps, got {a.spacing:g} m and {b.spacing:g} m; "
@@ -144,6 +148,7 @@ def _describe_level(points: np.ndarray, side: np.ndarray | None, spacing: float)
     placed = points.astype(np.float32)
     normals = np.array(surface_normals(placed, normal_tiles, radius=NORMAL_RADIUS * spacing)[0])
     side = _toward_surroundings(points, 4.0 * spacing) if side is None else side
+    # The histograms hold signed angles between normals, so both maps must sign theirs by one rule.
     normals *= np.where(np.sum(normals * side, axis=1) < 0.0, -1.0, 1.0)[:, None]
     descriptors = point_feature_histograms(
         placed, normals, tiles, radius=DESCRIPTOR_RADIUS * spacing, spacing=spacing
@@ -175,6 +180,8 @@ def _free_directions(states: np.ndarray, index: np.ndarray) -> np.ndarray:
     reach = 2
     # Voxels whose surroundings are looked up at once: one core works on them while others do the next.
     chunk = 1 << 14
+    # The rim keeps steps at the border of the map from wrapping into the next row; bytes can be added as they
+    # are.
     is_free = np.pad(states == FREE, reach).view(np.int8)
     strides = np.array([is_free.shape[1] * is_free.shape[2], is_free.shape[2], 1], np.int64)
     flat, places = is_free.reshape(-1), (index.astype(np.int64) + reach) @ strides
@@ -184,6 +191,7 @@ def _free_directions(states: np.ndarray, index: np.ndarray) -> np.ndarray:
         part = slice(first, first + chunk)
         start = places[part]
         for step in np.ndindex(3, 3, 3):
+            # All 26 directions are asked, so that slanted surfaces are not pulled toward the axes.
             direction = np.array(step, np.int64) - 1
             if not direction.any():
                 continue
@@ -212,6 +220,8 @@ def _toward_surroundings(points: np.ndarray, cell_size: float, width: int = 5) -
 
     def mean_around(weights: np.ndarray | None) -> np.ndarray:
         total = np.bincount(flat, weights, minlength=volume).reshape(shape).astype(np.float64)
+        # The filter divides by the size of its window, which cancels between points and count; a point counts
+        # in its own cell, so the count is never zero.
         return uniform_filter(total, size=width, mode="constant").reshape(-1)[flat]
 
     count = mean_around(None)

@@ -47,6 +47,7 @@ def close_corners(
         scheme = {int(i): int(j) for i, j in matches}
         taken = set(scheme.values())
         # The nearest come first and a corner is taken once: of two that want the same one, the closer gets it.
+        # Distances beyond the tolerance are infinite and come last.
         for k in np.argsort(distance, kind="stable"):
             if not np.isfinite(distance[k]):
                 break
@@ -65,5 +66,6 @@ def kabsch(points_a: np.ndarray, points_b: np.ndarray) -> np.ndarray:
     mean_a, mean_b = points_a.mean(axis=0), points_b.mean(axis=0)
     T_a_b = np.eye(4)
     T_a_b[:3, :3] = rigid.nearest_rotation((points_a - mean_a).T @ (points_b - mean_b))
+    # The best translation carries the one centroid onto the other, whatever the rotation is.
     T_a_b[:3, 3] = mean_a - T_a_b[:3, :3] @ mean_b
     return T_a_b

@@ -39,6 +39,8 @@ class Search:
             return
         order = peeling_order(graph)
         nodes, graph = nodes[order], graph[np.ix_(order, order)]
+        # Each clique is found once, at its first node in this order. The densest part falls away last: searched
+        # first, it raises the goal before the many sparse neighbourhoods are looked at.
         for v in range(len(nodes) - 1, -1, -1):
             if not self.budget.look():
                 self.stopped = True
@@ -46,6 +48,8 @@ class Search:
             later = v + 1 + np.flatnonzero(graph[v, v + 1 :])
             sub = graph[np.ix_(later, later)]
             # Within the neighbourhood, nodes with too few links to the rest of it.
+            # The goal may have risen since the graph was pruned, so each neighbourhood is held against the goal
+            # of now.
             while len(later) + 1 >= self.goal:
                 is_core = np.count_nonzero(sub, axis=1) >= self.goal - 2
                 if is_core.all():
@@ -83,6 +87,7 @@ class Search:
             # All cliques with this node are found below it; the branches beside it do without.
             candidates[-1] &= ~(1 << bit)
             clique.append(names[bit])
+            # Only a clique that no candidate extends is recorded; others are parts of what is found below.
             if inside:
                 candidates.append(inside)
                 stack.append(_colour(rows, inside, self.goal - len(clique)))
@@ -104,6 +109,8 @@ def _colour(rows: list[int], candidates: int, needed: int) -> list[tuple[int, in
     A set of nodes has no clique larger than its number of colours, so nodes of the first `needed - 1` colours
     need no branch of their own.
     """
+    # The first `needed - 1` colours are given but not listed, so that the list holds what has to be branched
+    # on.
     coloured = []
     colour = 0
     while candidates:
@@ -113,6 +120,7 @@ def _colour(rows: list[int], candidates: int, needed: int) -> list[tuple[int, in
             lowest = free & -free
             bit = lowest.bit_length() - 1
             candidates ^= lowest
+            # A colour takes nodes without an edge between them: a clique has one node of it at most.
             free = (free ^ lowest) & ~rows[bit]
             if colour >= needed:
                 coloured.append((bit, colour))

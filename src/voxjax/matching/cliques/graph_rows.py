@@ -16,6 +16,7 @@ def pack(graph: np.ndarray) -> np.ndarray:
     """Rows of a Boolean matrix as uint64 words."""
     words = -(-graph.shape[1] // 64)
     packed = np.zeros((len(graph), words * 8), np.uint8)
+    # Rows are filled up with zeros to whole words; "little" puts column j at bit j % 64 of word j // 64.
     packed[:, : -(-graph.shape[1] // 8)] = np.packbits(graph, axis=1, bitorder="little")
     return packed.view(np.uint64)
 
@@ -31,12 +32,15 @@ def edges_of_rows(rows: np.ndarray) -> np.ndarray:
     """
     one, low = np.uint64(1), np.uint64(63)
     node, word = np.nonzero(rows)
+    # Words left of the diagonal hold the backward direction of edges alone, half of the graph.
     is_upper = word >= node >> 6
     node, word = node[is_upper], word[is_upper]
     bits, keys = rows[node, word], []
     key = node * rows.shape[1] * 64 + word * 64
     # One bit of every word a round; most words hold one or two.
     while len(bits):
+        # The negative of an unsigned number, written out; the bits below the lowest one are as many as its
+        # position.
         lowest = bits & (~bits + one)
         keys.append(key + np.bitwise_count(lowest - one))
         bits = bits ^ lowest
@@ -44,10 +48,12 @@ def edges_of_rows(rows: np.ndarray) -> np.ndarray:
         bits, key = bits[is_left], key[is_left]
     found = np.sort(np.concatenate(keys)) if keys else np.zeros(0, np.int64)
     edges = np.stack(np.divmod(found, rows.shape[1] * 64), axis=1)
+    # Words on the diagonal hold both directions and loops.
     edges = edges[edges[:, 0] < edges[:, 1]]
     num_bits = int(np.bitwise_count(rows).sum(dtype=np.int64))
     diagonal = np.arange(len(rows))
     num_loops = np.count_nonzero((rows[diagonal, diagonal >> 6] >> (diagonal.astype(np.uint64) & low)) & one)
+    # Every forward edge has its way back, and no bit is left over: then no backward edge is alone either.
     backward = (rows[edges[:, 1], edges[:, 0] >> 6] >> (edges[:, 0].astype(np.uint64) & low)) & one
     if not backward.all() or num_bits != 2 * len(edges) + num_loops:
         raise InputError("adjacency must be symmetric; join both directions with `adjacency | adjacency.T`.")
@@ -94,6 +100,8 @@ def usable_edges(rows: np.ndarray, edges: np.ndarray, size: int) -> np.ndarray:
     is_good = np.zeros(len(wanted), bool)
     start = 0
     while start < len(wanted):
+        # Edges come in the order of their first node, so the columns from the first one's on serve the whole
+        # chunk. Nodes before u that they still hold can only count too much, and a sieve may keep too much.
         column = int(wanted[start, 0]) >> 6
         stop = start + max(1, _CHUNK_WORDS // (rows.shape[1] - column))
         i, j = wanted[start:stop].T
@@ -102,6 +110,8 @@ def usable_edges(rows: np.ndarray, edges: np.ndarray, size: int) -> np.ndarray:
         start = stop
     good = wanted[is_good]
     good = good[np.bincount(good[:, 0], minlength=len(rows))[good[:, 0]] >= size - 1]
+    # Edges between nodes of a clique that were not counted, because they do not start at its first node, come
+    # back with their nodes.
     is_used = np.zeros(len(rows), bool)
     is_used[good.reshape(-1)] = True
     return edges[is_used[edges].all(axis=1)]
@@ -125,6 +135,7 @@ def prune(
     """
     nodes = np.arange(len(graph))
     is_weak = np.zeros(len(edges), bool) if shared is None else shared < size - 2
+    # Without known counts a first round has to count them, even though no edge is weak yet.
     is_first = shared is None
     # Each edge that falls takes common neighbours from others, until none falls any more.
     while is_first or is_weak.any():

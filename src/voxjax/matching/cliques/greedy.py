@@ -14,6 +14,7 @@ def greedy_clique(
         shared: Common neighbours of each edge.
         num_starts: Nodes to start from.
     """
+    # Each triangle of a node counts twice, once for either of its edges there, which changes no order.
     triangles = np.bincount(edges.reshape(-1), np.repeat(shared, 2), len(graph))
     best = edges[0]
     # Large cliques show in triangles: one of k nodes puts each of them into (k - 1)(k - 2) / 2.
@@ -59,6 +60,7 @@ def quick_clique(rows: np.ndarray, edges: np.ndarray, num_starts: int = 4) -> np
         beside = _members(rows[v])
         neighbours.append(beside)
         triangles[k] = np.bitwise_count(rows[beside] & rows[v]).sum(dtype=np.int64)
+    # An edge is a clique of two nodes, so that there is a bound even where nothing grows.
     best = edges[0]
     for k in np.argsort(-triangles, kind="stable")[:num_starts]:
         beside = neighbours[k]

@@ -88,11 +88,13 @@ def maximum_clique(
     # Ties are as large as the bound may be; a single clique is only worth a search if it is larger.
     size = len(bound) + 1 - int(all_maximum)
     # What follows takes a dense graph, which this part is small enough for.
+    # Cliques of one node are no question here, since there is an edge.
     part = _Part.usable(rows, edges, max(size, 2))
     best, completed = part.largest(bound, budget)
     ties, has_all_ties = [best], False
     if all_maximum and completed:
         ties, has_all_ties = part.all_of_size(len(best), max_cliques, budget)
+    # A search for ties that is cut short may have found none, and then the clique itself stands.
     found = _sorted(ties or [best])
     return Clique(found[0], completed, found, has_all_ties, budget.num_nodes, budget.stopped_by)
 
@@ -143,6 +145,7 @@ class _Part:
         if len(self.edges):
             grown = self.nodes[greedy_clique(self.graph, self.edges, self.shared)]
             best = grown if len(grown) > len(best) else best
+        # Only what is larger is of interest, so that equal cliques are pruned like smaller ones.
         search = Search(len(best) + 1, budget)
 
         def record(clique: list[int]) -> bool:
