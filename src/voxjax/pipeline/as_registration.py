@@ -24,6 +24,8 @@ def nothing_found(reason: str, result: RESULTS, stats: dict[str, Any] | None = N
     """
     counts = {"num_corners_a": 0, "num_corners_b": 0} if stats is None else stats
     return Registration(
+        # A pose is there whatever the verdict is, so that reports have one shape; the covariance says that it
+        # means nothing.
         T_a_b=np.eye(4, dtype=np.float32),
         verdict="no_overlap",
         confidence=0.0,
@@ -86,6 +88,7 @@ def registration_of(
 def evidence_of(judgement: Judgement, i: int, num_voxels: int) -> Evidence:
     """What both maps say about pose i, in shares of the voxels that met anything, and in voxels of both maps."""
     # Where no voxel met anything, all shares are 0.
+    # The shares are of what was met: leverage makes voxels count unequally, but cancels here.
     met = max(float(judgement.hits[i] + judgement.conflicts[i] + judgement.opposed[i]), 1e-9)
     return Evidence(
         score=float(judgement.score()[i]),

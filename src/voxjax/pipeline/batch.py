@@ -40,10 +40,14 @@ def register_batch(
     """
     settings = config_from(config)
     pairs = check_list("pairs", pairs, "pairs (a, b) of maps")
+    # All pairs are checked before the first is registered: a mistake in the last would cost all the work
+    # before.
     for number, pair in enumerate(pairs):
         count = len(check_grids(f"pairs[{number}]", pair))
         if count != 2:
             raise InputError(f"pairs[{number}] must be two VoxelGrid maps (a, b), got {count}.")
+    # The key has the voxel size too: a map is compared at the coarser size of each pair, so it may need
+    # several.
     known: dict[tuple[int, float], MapFeatures] = {}
 
     def features_of(grid: VoxelGrid, voxel_size: float) -> MapFeatures:

@@ -110,4 +110,5 @@ def _group_from(kind: type[Group], table: Mapping[str, Any]) -> Group:
             raise InputError(
                 f"config table {kind.table!r} has no key {shown(key)}; it has {', '.join(known)}."
             )
+    # Defaults stand for what a table leaves out, so that a file names only what it changes.
     return kind(**{key: check_setting(kind.table, known[key], value) for key, value in table.items()})

@@ -18,6 +18,7 @@ def working_voxel_size(grids: Sequence[VoxelGrid], settings: Config) -> float:
     """
     if settings.map.voxel_size > 0:
         return settings.map.voxel_size
+    # Fine maps are made coarser first: beside one of 10 cm, maps of 4 cm must not ask for a size of their own.
     return max(_coarsened(grid.voxel_size, settings) for grid in grids)
 
 
@@ -25,6 +26,7 @@ def _coarsened(voxel_size: float, settings: Config) -> float:
     """Multiple of a voxel size that is about the usual one, where it is fine."""
     if voxel_size >= settings.map.fine_voxel_size:
         return voxel_size
+    # With a whole multiple each coarser voxel consists of equally many finer ones.
     return voxel_size * max(round(settings.map.usual_voxel_size / voxel_size), 1)
 
 

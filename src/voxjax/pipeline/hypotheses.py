@@ -40,6 +40,7 @@ def first_hypotheses(
         stages: Keeps the seconds of each source.
     """
     stages.announce("hypotheses")
+    # The guess comes first and is judged as all others are: a wrong one does no more harm than any hypothesis.
     found = [] if guess is None else [propose_guess(guess)]
     if settings.source.exhaustive:
         with stages.measure("exhaustive search"):
@@ -54,6 +55,7 @@ def first_hypotheses(
                     exhaustive=settings.exhaustive,
                 )
             )
+    # What the caller knows beforehand holds for all sources alike, also for those that cannot be told of it.
     return admit(found, pose_range)
 
 

@@ -61,11 +61,15 @@ def merge(
 
     # 1. Features of each map, once for all its pairs; the paper's method computes its own.
     with stages.measure("features"):
+        # A working voxel size is one for all maps here, whereas `register` takes that of its pair: features are
+        # then made once.
         features = _features_of_all(grids, settings, stages) if preset == "default" else [None] * len(grids)
 
     # 2. Every pair on its own.
     pairs = []
     with stages.measure("register"):
+        # All pairs are tried, not only as many as a tree needs: which of them overlap is not known, and those
+        # beside the tree tell by their loops how far the poses can be trusted.
         for a, b in itertools.combinations(range(len(grids)), 2):
             options = {
                 "gravity_aligned": gravity_aligned,
@@ -74,6 +78,8 @@ def merge(
                 "on_stage": partial(_announce_of, stages, f"maps {a} and {b}"),
             }
             features_a, features_b = features[a], features[b]
+            # Maps without an occupied voxel go the same way as those of the paper: `register` has a sentence
+            # for them.
             if features_a is None or features_b is None:
                 found = register(grids[a], grids[b], preset=preset, **options)
             else:
@@ -91,6 +97,8 @@ def merge(
     with stages.measure("fuse"):
         if chosen:
             stages.announce("fuse")
+            # The maps as they were given are fused, not those at the working voxel size: no detail is lost for
+            # the registration.
             grid = fuse([grids[n] for n in chosen], [poses[n] for n in chosen], rule=rule)
     status: Status = "no_overlap" if not chosen else "merged" if len(chosen) == len(grids) else "partial"
     return Merge(
@@ -116,11 +124,13 @@ def _check(grids: Sequence[VoxelGrid], init_guess: object) -> None:
 
 def _features_of_all(grids: Sequence[VoxelGrid], settings: Config, stages: Stages) -> list[Any]:
     """`MapFeatures` of each map; None for a map with nothing occupied."""
+    # An empty map must not decide the voxel size at which the others are compared.
     filled = [number for number, grid in enumerate(grids) if grid.num_occupied]
     features: list[MapFeatures | None] = [None] * len(grids)
     if not filled:
         return features
     voxel_size = working_voxel_size([grids[n] for n in filled], settings)
+    # All features are kept at the same time here, so the estimate is for all maps together.
     check_register_memory([grids[n] for n in filled], voxel_size)
     stages.announce(f"features of {len(filled)} maps")
     found = spread(

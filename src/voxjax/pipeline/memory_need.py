@@ -50,12 +50,15 @@ def check_register_memory(
             (see `voxjax._runtime.memory.check_memory`).
     """
     _check_index_range(grids, voxel_size)
+    # Without a known limit nothing is refused: a number that kernels cannot count is wrong on every machine.
     limit = memory_limit()
     if limit is None:
         return
     counts = [int(np.count_nonzero(np.asarray(grid.states) == OCCUPIED)) for grid in grids]
     sizes = [MapSize(grid.shape, n, grid.voxel_size) for grid, n in zip(grids, counts, strict=True)]
     uncropped = sizes if preset == "paper" else ()
+    # The whole block bounds the box around what is known from above: where it fits, nobody needs to look for
+    # the box.
     if register_memory(sizes, voxel_size, uncropped) <= limit:
         return
     # Features are of the box around what is known.
@@ -78,9 +81,11 @@ def _check_index_range(grids: Sequence[VoxelGrid], voxel_size: float) -> None:
     Maps whose whole block is small enough for both are not read.
     """
     for grid in grids:
+        # There are no more occupied voxels than voxels, so one comparison is enough for both.
         if MapSize(grid.shape, 0, grid.voxel_size).at(voxel_size)[0] <= MAX_ROWS:
             continue
         states = np.asarray(grid.states)
+        # Plane by plane, a comparison takes the memory of one plane instead of another map.
         occupied = sum(int(np.count_nonzero(plane == OCCUPIED)) for plane in states)
         num_voxels, num_occupied = MapSize(_known_sides(states), occupied, grid.voxel_size).at(voxel_size)
         advice = "take a larger voxel size, crop the map, or work tile by tile (voxjax.ops.map_tiles)"

@@ -69,6 +69,7 @@ class Merge(eqx.Module):
             return (
                 f"{len(self.poses) - len(left_out)} of {len(self.poses)} maps were merged; left out: {names}."
             )
+        # Why the closest pair failed tells a person more than that all of them did.
         return "No two maps fit together." if self.closest is None else self.closest[2].reason
 
     @property

@@ -72,10 +72,12 @@ def register(
     stages = Stages(on_stage)
     for name, grid in (("a", a), ("b", b)):
         check_grid(name, grid)
+    # Both are looked at as types first: an empty a is an outcome, which must not hide that b is no map.
     for name, grid in (("a", a), ("b", b)):
         if grid.num_occupied == 0:
             return nothing_found(f"Map {name} has no occupied voxel.", RESULTS.empty_map)
     if preset == "paper":
+        # The paper's method knows no working voxel size and compares maps at the coarser one of the two.
         check_register_memory([a, b], max(a.voxel_size, b.voxel_size), preset="paper")
         stages.announce("the paper's pipeline")
         return register_paper(a, b, settings.paper, conflict_weight=settings.evidence.conflict_weight)
@@ -155,6 +157,7 @@ def register_features(
             leaders = merge_leaders(a.prepared, b.prepared, leaders, found, settings.leader)
             leaders = weigh_pieces(a.prepared, b.prepared, leaders, settings.verdict)
         finding = decide(leaders.judgement, settings.verdict, **known)
+    # The second round may find nothing either; then there is no pose to refine.
     if len(leaders.poses) == 0:
         return nothing_found(finding.reason, RESULTS.too_few_corners, counts | {"seconds": stages.seconds})
 
@@ -162,6 +165,7 @@ def register_features(
     with stages.stage("verdict"):
         pose = _last_refinement(a, b, leaders.poses[0], settings.pose)
     counts |= {"has_free_space": has_free_space, "free_space": free_space}
+    # Shares of the evidence are of both maps together, so counts for the report are too.
     num_voxels = a.prepared.num_points + b.prepared.num_points
     return registration_of(
         pose,
@@ -179,8 +183,11 @@ def _last_refinement(a: MapFeatures, b: MapFeatures, T_a_b: np.ndarray, settings
         a.prepared,
         b.prepared,
         T_a_b,
+        # The leaders were refined before: this start is near, and a wide scale would let far surfaces pull
+        # again.
         max_distance=settings.start_distance * a.prepared.grid.voxel_size,
         num_points=settings.num_points,
+        # With both ways, registering b to a gives the inverse of a to b.
         both_ways=True,
     )
 
@@ -206,6 +213,7 @@ def _pose_range(
     Raises:
         InputError: If there is an uncertainty without a guess, or it is not positive.
     """
+    # A turn about an origin far from the map would look like a long shift: bounds are about where the map is.
     centroid = np.asarray(b.prepared.centroid)
     if uncertainty is None:
         return PoseRange(centroid, max_lean)

@@ -21,11 +21,14 @@ def spanning_tree(
     Edges count by confidence, then by evidence, then by map numbers, so the result does not depend on the order
     of `pairs`. Of parts of equal size, the one with the lowest map number is returned.
     """
+    # A pair that was not accepted is no edge, however well it scores: one wrong edge puts all maps behind it
+    # wrong.
     accepted = [pair for pair in pairs if pair[2].accepted]
     accepted.sort(key=lambda pair: (-pair[2].confidence, -pair[2].best_score, pair[0], pair[1]))
     # An edge costs its place in that order: no two cost the same, so that there is one least tree.
     rank = {(a, b): number for number, (a, b, _) in enumerate(accepted)}
     rows, columns = np.asarray(list(rank), np.int32).reshape(-1, 2).T
+    # Costs begin with 1, because a sparse tree drops edges that cost 0.
     costs = csr_array((np.arange(1.0, len(rank) + 1.0), (rows, columns)), shape=(num_maps, num_maps))
     _, part = connected_components(costs, directed=False)
     # Of the largest parts `argmax` takes the first, which holds the lowest map.
@@ -48,6 +51,7 @@ def chain_poses(num_maps: int, tree: Sequence[tuple[int, int, Registration]]) ->
         steps[a, b], steps[b, a] = T_a_b, np.asarray(rigid.inverse(T_a_b))
     rows, columns = np.asarray(list(steps), np.int32).T
     edges = csr_array((np.ones(len(steps)), (rows, columns)), shape=(num_maps, num_maps))
+    # Breadth first, each pose is a chain of as few pairs as the tree allows from the world's frame.
     order, before = breadth_first_order(edges, min(map(min, steps)))
     exact = {int(order[0]): np.eye(4)}
     for number in order[1:].tolist():
@@ -71,6 +75,7 @@ def loop_errors(
         pose_a, pose_b = poses[a], poses[b]
         if not registration.accepted or (a, b) in in_tree or pose_a is None or pose_b is None:
             continue
+        # The difference of two poses far from the world's origin is small beside either: float32 would eat it.
         chained = rigid.inverse(pose_a.astype(np.float64)) @ pose_b.astype(np.float64)
         direct = np.asarray(registration.T_a_b, np.float64)
         # The error is taken where map b is, not at its origin, which may lie far from it.

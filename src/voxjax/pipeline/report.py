@@ -37,6 +37,7 @@ def merge_report(
         "status": merged.status,
         "voxjax": __version__,
         "device": device_name(),
+        # Without a fused map, the size is the one that it would have had.
         "voxel_size": min(grid.voxel_size for grid in grids)
         if merged.grid is None
         else merged.grid.voxel_size,
@@ -91,6 +92,7 @@ def _pair_report(a: int, b: int, registration: Registration) -> dict[str, Any]:
         "accepted": registration.accepted,
         "verdict": registration.verdict,
         "reason": registration.reason,
+        # Rejected pairs have their best pose, too: whoever knows the place can see what was nearly taken.
         "T_a_b": np.asarray(registration.T_a_b).tolist(),
         "confidence": registration.confidence,
         "covariance": np.asarray(registration.covariance).tolist(),
@@ -110,6 +112,8 @@ def _corner_counts(merged: Merge, grids: Sequence[VoxelGrid]) -> list[int]:
     """Corners of each map, from the pairs it took part in; counted now where no pair needed them."""
     counts: list[int | None] = [None if grid.num_occupied else 0 for grid in grids]
     for a, b, registration in merged.pairs:
+        # The last pair that knows the number wins: features are made once a map, so that in the default preset
+        # all agree.
         counts[a] = registration.stats.get("num_corners_a", counts[a])
         counts[b] = registration.stats.get("num_corners_b", counts[b])
     return [

@@ -30,6 +30,7 @@ def drop_chamfers(
         max_beyond: Share of the elements that may be farther away.
     """
     num = int(labels.max(initial=-1)) + 1
+    # A chamfer takes three segments: itself, and the two faces whose edge it lies along.
     if num < 3:
         return labels
     points = surface.index.astype(np.float64)
@@ -80,11 +81,14 @@ def _share_beyond(
     to_planes = [
         np.einsum("ij,ij->i", planes.normal[k], planes.centroid[k] - planes.centroid[own]) for k in (a, b)
     ]
+    # Three planes meet in this point: those of the two faces, and the one across the edge through the segment's
+    # middle.
     place = np.linalg.solve(rows, np.stack([*to_planes, np.zeros(len(own))], axis=1)[..., None])[..., 0]
     order = np.argsort(labels, kind="stable")
     bounds = np.searchsorted(labels[order], np.arange(len(planes.count) + 1))
     share = np.empty(len(triples))
     for t, segment in enumerate(own):
+        # The distance from the edge is the length of what a cross product with its unit direction leaves.
         local = points[order[bounds[segment] : bounds[segment + 1]]] - planes.centroid[segment] - place[t]
         share[t] = np.mean(np.linalg.norm(np.cross(local, edge[t]), axis=1) > reach)
     return share

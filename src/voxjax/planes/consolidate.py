@@ -39,6 +39,8 @@ def split_segments(
     """
     points, edges, is_active = surface.index.astype(np.float64), surface.pairs, labels >= 0
     min_cosine = np.cos(np.radians(max_angle))
+    # A round peels one plane off every bad segment at once; regions numbered anew after the others are the next
+    # round's.
     for number in range(num_rounds):
         num = int(labels.max(initial=-1)) + 1
         # Flat segments stay as they are, so each round looks only at what the round before found bad.
@@ -49,7 +51,9 @@ def split_segments(
         inlier = _peel(surface, points, labels, is_active, num, distance, min_cosine)
         rest = is_active & ~inlier
         i, j = edges.T
+        # A piece can only grow within its own segment: what was apart before stays apart.
         edges = edges[is_active[i] & is_active[j] & (labels[i] == labels[j])]
+        # The angles between elements do not change, so that one round is enough to leave such edges out.
         if number == 0:
             edges = edges[_agree(surface, edges) > min_cosine]
         i, j = edges.T
@@ -86,6 +90,7 @@ def _peel(surface, points, labels, in_bad, num, distance, min_cosine):
         cosine = np.einsum("ij,ij->i", surface.normal[rows], normal[label])
         inlier[rows] = (offset < factor * distance) & (cosine > min_cosine - 0.1 * (factor - 1.0))
         planes = plane_of_segments(points, surface.normal, np.where(inlier, labels, -1), num)
+        # Fewer than six inliers say too little for a plane of their own: the one from before stays.
         enough = planes.count >= 6
         normal = np.where(enough[:, None], planes.normal, normal)
         centre = np.where(enough[:, None], planes.centroid, centre)
@@ -125,12 +130,15 @@ def extend_segments(
     fits = _fits(surface, points, planes, distance, min_cosine)
     rows = np.flatnonzero(labels >= 0)
     labels = labels.copy()
+    # What leaves its plane is dropped before anything is added, so that it carries no label on to its
+    # neighbours.
     labels[rows[fits(rows, labels[rows]) > distance]] = -1
     has_label = labels >= 0
     i, j = surface.pairs.T
     # Pairs inside of segments, which are most, have nothing to give to each other.
     is_open = ~(has_label[i] & has_label[j])
     i, j = i[is_open], j[is_open]
+    # Labels move by one voxel a step, and only from elements that have one; the planes stay those from before.
     for _ in range(num_steps):
         has_label = labels >= 0
         forward, backward = has_label[j] & ~has_label[i], has_label[i] & ~has_label[j]
@@ -176,18 +184,23 @@ def merge_segments(
         return labels
     planes = plane_of_segments(points, surface.normal, labels, num)
     small, large = near_segments(points, labels, num, gap)
+    # Each pair comes both ways; of equal sizes the first row counts as larger, so that no two segments join
+    # each other.
     bigger = (planes.count[large] > planes.count[small]) | (
         (planes.count[large] == planes.count[small]) & (large < small)
     )
     small, large = small[bigger], large[bigger]
     n = planes.normal[large]
     offset = np.einsum("ij,ij->i", planes.centroid[small] - planes.centroid[large], n)
+    # The mean square distance from another plane is the variance along its normal and the square of the
+    # middle's offset: no element has to be looked at again.
     rms = np.sqrt(np.maximum(np.einsum("ij,ijk,ik->i", n, planes.covariance[small], n), 0.0) + offset**2)
     cosine = np.einsum("ij,ij->i", planes.normal[small], n)
     # The normal of a small segment says little: its elements' distances say more.
     size_limit = np.where(planes.count[small] < 60, 2.0 * max_angle, max_angle)
     fits = (rms < max_rms) & (cosine > np.cos(np.radians(size_limit)))
     small, large, rms = small[fits], large[fits], rms[fits]
+    # The last key counts first: for each small segment the largest that fits it.
     order = np.lexsort((large, -planes.count[large], small))
     unique, first = np.unique(small[order], return_index=True)
     target = np.arange(num)
@@ -225,8 +238,11 @@ def near_segments(
     strides = np.asarray([shape[1] * shape[2], shape[2], 1])
     key = np.unique(labels[used].astype(np.int64) * int(np.prod(shape)) + block @ strides)
     label, block_id = np.divmod(key, int(np.prod(shape)))
+    # Two segments are near if one has a block among the 27 around a block of the other; the product of both
+    # incidence matrices asks this of all pairs at once.
     steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3) @ strides
     spread = (block_id[:, None] + steps[None, :]).ravel()
+    # Columns are the blocks that occur: the box around a map has far more than its surfaces touch.
     ids, compact = np.unique(np.concatenate([block_id, spread]), return_inverse=True)
     own = coo_matrix((np.ones(len(label), np.int32), (label, compact[: len(label)])), shape=(num, len(ids)))
     wide = coo_matrix(

@@ -54,6 +54,8 @@ def extract_planes(grid: VoxelGrid, *, settings: PlaneConfig | None = None) -> P
         labels = merge_segments(
             surface,
             labels,
+            # The smaller piece is held against a plane that was fitted without it, so it may be a little less
+            # flat there.
             max_rms=chosen.max_rms + 0.1,
             max_angle=chosen.merge_angle,
             gap=chosen.gap,
@@ -62,6 +64,7 @@ def extract_planes(grid: VoxelGrid, *, settings: PlaneConfig | None = None) -> P
     # Last, when faces reach to their edges: the elements of a rounded edge then go to the faces beside it.
     labels = drop_narrow(surface, labels, min_width=chosen.min_width)
     labels = drop_chamfers(surface, labels, reach=chosen.chamfer_reach)
+    # What the dropped segments held is given to the faces beside them before those are counted and fitted.
     labels = extend_segments(surface, labels, distance=chosen.tolerance)
     labels = _largest_first(keep_large(labels, chosen.min_voxels), chosen.max_planes)
     points = grid.world_from_index(surface.index)
@@ -86,6 +89,8 @@ def _cores(surface: Surface, settings: PlaneConfig) -> np.ndarray:
     """
     labels = np.full(len(surface.index), -1, np.int32)
     for angle, curvature, smallest in ((0.7, 0.5, 30), (1.0, 1.0, 12), (1.5, 2.0, 40)):
+        # Elements with a label take no part any more: infinite curvature makes them no seeds, and their pairs
+        # are gone.
         is_left = labels < 0
         i, j = surface.pairs.T
         rest = eqx.tree_at(

@@ -79,6 +79,8 @@ def fit_planes(
     middle = points.mean(axis=0, dtype=np.float64) if len(points) else np.zeros(3)
     local = pad_rows((points - middle).astype(np.float32), length)
     label = pad_rows(np.where(labels >= 0, labels, capacity).astype(np.int32), length, fill=capacity)
+    # Without normals a plane faces away from the origin, as its points do, so the middle is added back for this
+    # alone.
     toward = (
         local + middle.astype(np.float32) if normals is None else pad_rows(normals.astype(np.float32), length)
     )
@@ -86,6 +88,7 @@ def fit_planes(
     normal, offset, centroid, rms, count = _fit(
         local, label, toward, scale, capacity=capacity, num_rounds=1 if huber_scale is None else num_rounds
     )
+    # The offset goes back to the frame of the points in float64: a long middle times a unit normal would round.
     shift = np.asarray(normal, np.float64) @ middle
     return Planes(
         normal=np.asarray(normal),
@@ -108,6 +111,8 @@ def _fit(points, label, toward, scale, *, capacity: int, num_rounds: int):
 
     count = total(jnp.ones(points.shape[0], jnp.float32))
     centroid = total(points) / jnp.maximum(count, 1.0)[:, None]
+    # The padding has a label beyond all planes; it reads the last one instead, and what comes of it is cut off
+    # by `total`.
     row = jnp.minimum(label, capacity - 1)
     local = points - centroid[row]
     weight = jnp.ones(points.shape[0], jnp.float32)
@@ -119,6 +124,7 @@ def _fit(points, label, toward, scale, *, capacity: int, num_rounds: int):
     def reweighted(plane: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], None]:
         normal, depth = plane
         distance = jnp.abs(jnp.sum(local * normal[row], axis=1, dtype=jnp.float32) - depth[row])
+        # Huber's weight: 1 within the scale, and beyond it so much less that a point pulls linearly.
         weight = jnp.minimum(1.0, scale / jnp.maximum(distance, 1e-12))
         mass = total(weight)
         mean = total(weight[:, None] * local) / jnp.maximum(mass, 1e-12)[:, None]
@@ -146,6 +152,8 @@ def _minimise(normal: Array, depth: Array, covariance: Array, mean: Array) -> tu
     values, vectors = symmetric_eigen(covariance)
     # In units of the segment's own width, so that tolerances mean the same for all segments.
     width = jnp.sqrt(jnp.maximum(values[2], 1e-12))
+    # Rounding may leave the least eigenvalue of a flat segment below 0. The rows R have R^T R for the
+    # covariance, so that the squares of R n add up to the variance along n.
     root = jnp.sqrt(jnp.maximum(values, 0.0))[:, None] / width * vectors
     # Any two directions across the normal serve; the axis least along it keeps the cross product away from zero.
     axis = jnp.argmin(jnp.abs(normal))
@@ -153,6 +161,8 @@ def _minimise(normal: Array, depth: Array, covariance: Array, mean: Array) -> tu
     u = u / jnp.linalg.norm(u)
     v = jnp.cross(normal, u)
 
+    # Two tilts and a shift are all that a plane has: no constraint on the length of the normal is left to the
+    # solver.
     def plane(parameters: Array) -> tuple[Array, Array]:
         n = normal + parameters[0] * u + parameters[1] * v
         return n / jnp.linalg.norm(n), parameters[2] * width
@@ -161,6 +171,8 @@ def _minimise(normal: Array, depth: Array, covariance: Array, mean: Array) -> tu
         n, d = plane(parameters)
         return jnp.concatenate([root @ n, ((jnp.sum(mean * n) - d) / width)[None]])
 
+    # Four residuals and three unknowns are small enough for QR, which keeps digits that normal equations would
+    # square away.
     solver = optx.LevenbergMarquardt(rtol=1e-5, atol=1e-6, linear_solver=lx.QR())
     start = jnp.stack([jnp.zeros_like(depth), jnp.zeros_like(depth), depth / width])
     solution = optx.least_squares(residual, solver, start, max_steps=32, throw=False)

@@ -62,9 +62,12 @@ def grow_segments(
     component = connected_components(graph, directed=False)[1]
     labels[is_seed] = _rank_by_curvature(component[is_seed], curvature[is_seed])
     # Border: the first region that has a seed beside the element.
+    # There are at most n regions, so n stands for none and loses every minimum.
     border = np.full(n, n, np.int32)
     for seed, other in ((i, j), (j, i)):
         reached = is_seed[seed] & ~is_seed[other]
+        # An element may be reached from many seeds: plain indexing would keep the last of them instead of the
+        # lowest.
         np.minimum.at(border, other[reached], labels[seed[reached]])
     is_reached = ~is_seed & (border < n)
     labels[is_reached] = border[is_reached]

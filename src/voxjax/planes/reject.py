@@ -38,12 +38,14 @@ def nearest_three_planes(
     """
     triples = jnp.asarray(list(combinations(range(normals.shape[1]), 3)), jnp.int32)
     distance = jnp.abs(jnp.sum(normals * points[:, None, :], axis=-1, dtype=jnp.float32) - offsets)
+    # A plane that does not count is infinitely far, so that no three with it is ever the nearest.
     distance = jnp.where(mask, distance, jnp.inf)
     a, b, c = (normals[:, triples[:, i]] for i in range(3))
     product = jnp.abs(jnp.sum(a * jnp.cross(b, c), axis=-1, dtype=jnp.float32))
     three = distance[:, triples]
     # The nearest three: the smallest largest distance, then the smallest sum.
     largest = jnp.where(product >= min_triple_product, jnp.max(three, axis=-1), jnp.inf)
+    # The sum only decides between triples whose largest distances agree but for a thousandth of it.
     order = largest + 1e-3 * jnp.sum(three, axis=-1, dtype=jnp.float32)
     best = jnp.argmin(jnp.where(jnp.isfinite(order), order, jnp.inf), axis=1)
     worst = jnp.take_along_axis(largest, best[:, None], axis=1)[:, 0]
@@ -92,6 +94,7 @@ def reject_corners(
     offsets = (plane_offsets - plane_normals.astype(np.float64) @ middle).astype(np.float32)
     size = wide_bucket_size(n, 256)
     padded = pad_rows(beside, size, fill=-1)
+    # A column of -1 would read the last plane; it reads the first instead, which the mask leaves out.
     column = np.maximum(padded, 0)
     good, chosen, far = nearest_three_planes(
         pad_rows(local, size),
@@ -116,6 +119,7 @@ def _planes_beside(points, normals, offsets, support, labels, radius):
     if row.size == 0:
         return np.full((len(points), num_candidates), -1, np.int32)
     label = labels[np.concatenate([np.asarray(hits, np.int64) for hits in near])]
+    # A plane has many voxels beside a corner, and is one candidate.
     key = np.unique(row * (int(labels.max()) + 1) + label)
     row, label = np.divmod(key, int(labels.max()) + 1)
     distance = np.abs(np.einsum("ij,ij->i", points[row].astype(np.float64), normals[label]) - offsets[label])

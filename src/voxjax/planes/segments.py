@@ -42,12 +42,15 @@ def plane_of_segments(
     # Coordinates apart, each contiguous: three times as fast as rows of three.
     x, label = [points[used, a].astype(np.float64) for a in range(3)], labels[used]
     count = np.bincount(label, minlength=num).astype(np.float64)
+    # Labels without an element have sums of 0: divided by 1, they give 0 where 0 / 0 would be NaN.
     count_safe = np.maximum(count, 1.0)
 
     def mean(values: np.ndarray) -> np.ndarray:
         return np.bincount(label, weights=values, minlength=num) / count_safe
 
     centroid = np.stack([mean(coordinate) for coordinate in x], axis=1)
+    # Squares are of coordinates about the centroid: those of places far off would leave few digits of their
+    # difference.
     local = [x[a] - centroid[:, a][label] for a in range(3)]
     covariance = np.empty((num, 3, 3))
     for a in range(3):

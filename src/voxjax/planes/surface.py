@@ -51,8 +51,12 @@ def find_surface(grid: VoxelGrid, *, size: int = 7, reach: int = 3, min_neighbou
     # A voxel belongs to the side that is nearer to free space; to both where they are equally near.
     is_front = is_solid & (forward <= reach) & (forward <= backward)
     is_back = is_solid & (backward <= reach) & (backward <= forward)
+    # Voxels whose free space is farther than the reach, or nowhere, still belong to a surface, with one
+    # element.
     is_unseen = is_solid & ~is_front & ~is_back
     is_signed_by_mean = is_unseen & has_free
+    # Row of each voxel's front and back element in the list that is returned: all front ones first, then all
+    # back ones.
     node = np.full((2, len(index)), -1, np.int32)
     front = is_front | is_unseen
     node[0, front] = np.arange(np.count_nonzero(front))
@@ -79,6 +83,7 @@ def _element_pairs(
     found = []
     for side_i in (0, 1):
         for side_j in (0, 1):
+            # The normal of a back element is the voxel's own, reversed.
             agreement = cosine if side_i == side_j else -cosine
             joined = (node_i[side_i] >= 0) & (node_j[side_j] >= 0) & (is_free | (agreement > 0.0))
             found.append(np.stack([node_i[side_i][joined], node_j[side_j][joined]]))
@@ -105,6 +110,7 @@ def neighbour_pairs(index: Int32[np.ndarray, "n 3"]) -> Int32[np.ndarray, "m 2"]
     rows = np.arange(len(keys), dtype=np.int32)
     pairs = []
     for step in product((-1, 0, 1), repeat=3):
+        # Of each direction and its opposite one is taken: pairs come once, with the smaller row first.
         if step > (0, 0, 0):
             wanted = keys + int(np.dot(step, strides))
             found = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)

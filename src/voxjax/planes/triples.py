@@ -42,6 +42,7 @@ def intersect_planes(
     """
     planes = plane_map.planes.trimmed()
     num = min(int(planes.num_found), max_planes)
+    # Supports within the reach of one point are within twice the reach of each other.
     triples = _near_triples(plane_map, num, 2.0 * reach)
     normals = np.asarray(planes.normal, np.float64)[triples]
     crosses = np.stack([np.cross(normals[:, (i + 1) % 3], normals[:, (i + 2) % 3]) for i in range(3)], axis=1)
@@ -51,6 +52,8 @@ def intersect_planes(
     # Relative to the middle of the map: offsets of planes far from the origin lose digits.
     middle = plane_map.points.mean(axis=0, dtype=np.float64) if len(plane_map.points) else np.zeros(3)
     offset = np.asarray(planes.offset, np.float64) - np.asarray(planes.normal, np.float64) @ middle
+    # Cramer's rule: the point is the sum of offsets times cross products of the two other normals, over the
+    # triple product.
     position = np.einsum("ij,ijk->ik", offset[triples], crosses) / product[:, None] + middle
     distance = _support_distance(plane_map, triples, position, reach)
     near = (distance <= reach).all(axis=1)
@@ -80,6 +83,7 @@ def _support_distance(
     if triples.size == 0:
         return distance
     points, labels = _thinned_support(plane_map)
+    # The support is sorted by plane: each plane's part is a slice, and so are the corners that ask about it.
     bounds = np.searchsorted(labels, np.arange(triples.max() + 2))
     order = np.argsort(triples.ravel(), kind="stable")
     wanted = np.searchsorted(triples.ravel()[order], np.arange(triples.max() + 2))
