@@ -18,6 +18,8 @@ def _centred(
     base = points[jnp.argmax(weights)]
     local = points - base[None, :]
     mean = jnp.sum(jnp.where(share > 0, local * share, 0.0), axis=0, dtype=points.dtype)
+    # Padding may hold anything, also what is not finite: it is set to 0 rather than multiplied by a weight of
+    # 0.
     return jnp.where(share > 0, local - mean[None, :], 0.0), base + mean
 
 
@@ -48,6 +50,7 @@ def align_points(
     local_b, mean_b = _centred(points_b, weights)
     rotation = rigid.nearest_rotation(jnp.asarray((local_a * weights[:, None]).T @ local_b))
     T_a_b = rigid.from_rotation_translation(rotation, mean_a - rotation @ mean_b)
+    # Without a weight there is no centroid either: a fixed pose is better than what rounding makes of zeros.
     return jnp.where(jnp.any(weights > 0), T_a_b, jnp.eye(4, dtype=points_a.dtype))
 
 

@@ -52,13 +52,17 @@ def frame_poses(
         return CornerPoses(np.zeros((0, 4, 4), np.float32), np.zeros(0, bool))
     kind_a, kind_b = np.asarray(a.convexity)[:, None], np.asarray(b.convexity)[None, :]
     is_alike = (kind_a == kind_b) | (kind_a == KIND_UNKNOWN) | (kind_b == KIND_UNKNOWN)
+    # Three normals are hardly ever exactly at right angles: the nearest frame takes the error from all three
+    # alike.
     frames_a, angles_a = corner_frames(np.asarray(a.normals)), _face_angles(np.asarray(a.normals))
     found = []
     # Which face of b belongs to which of a is not known, but both maps list them right-handed: three cyclic orders
     # are left.
     for shift in range(3):
         normals_b = np.roll(np.asarray(b.normals), shift, axis=1)
+        # Angles between faces do not change under any pose, so that they sort out pairs before a pose is made.
         gap = np.abs(angles_a[:, None, :] - _face_angles(normals_b)[None, :, :]).max(axis=2)
+        # The frames are rolled with the normals: rows of both maps belong to each other in this order.
         i, j = np.nonzero(is_alike & (gap < np.radians(angle_tolerance)))
         rotation = frames_a[i] @ np.swapaxes(corner_frames(normals_b)[j], 1, 2)
         found.append((i, j, rotation))
@@ -71,6 +75,7 @@ def frame_poses(
         i, j, rotation = i[chosen], j[chosen], rotation[chosen]
     poses = np.tile(np.eye(4), (len(i), 1, 1))
     poses[:, :3, :3] = rotation
+    # The corner of b goes onto the corner of a: with the rotation, one pair fixes the whole pose.
     poses[:, :3, 3] = np.asarray(a.position)[i] - np.einsum("kij,kj->ki", rotation, np.asarray(b.position)[j])
     is_observed = np.asarray(a.is_observed)[i] & np.asarray(b.is_observed)[j]
     return CornerPoses(poses.astype(np.float32), is_observed)
@@ -79,6 +84,7 @@ def frame_poses(
 def _face_angles(normals: np.ndarray) -> np.ndarray:
     """Angles (n, 3) [rad] between faces 0-1, 1-2 and 2-0."""
     cosine = np.einsum("nki,nki->nk", normals, np.roll(normals, -1, axis=1))
+    # Rounding may carry a cosine past 1, whose arc cosine is NaN.
     return np.arccos(np.clip(cosine, -1.0, 1.0))
 
 
@@ -128,6 +134,7 @@ def subgraph_poses(
         b,
         distance_tolerance=distance_tolerance,
         angle_tolerance=float(np.radians(chosen.angle_tolerance)),
+        # The bound is in tolerances: distances of about the tolerance agree with each other whatever they are.
         min_distance=chosen.min_distance * distance_tolerance,
         associations=candidates,
         max_ties=chosen.max_ties,

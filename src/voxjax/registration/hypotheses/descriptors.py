@@ -59,7 +59,9 @@ def descriptor_hypotheses(
         return np.zeros((0, 4, 4), np.float32), np.zeros(0, np.int32)
     # A clique is grown from every match, so that many give the same pose; only distinct ones are fitted further.
     poses, places = _rank_poses(_clique_poses(matches, chosen), matches, chosen)
+    # The tolerance of a match is so many spacings of its level: the largest gives the coarsest spacing back.
     distance = chosen.distinct_spacings / chosen.distance_tolerance * float(matches[4].max())
+    # The middle of the matches is where poses are compared: what they do beyond, the descriptors do not say.
     centroid = matches[2].mean(axis=0, dtype=np.float64).astype(np.float32)
     keep = distinct_poses(
         poses, centroid, degrees=chosen.distinct_degrees, metres=distance, max_count=max_hypotheses
@@ -114,6 +116,7 @@ def _common_levels(a: MapDescriptors, b: MapDescriptors) -> list[tuple[Descripto
 
 def _clique_poses(matches: Matches, settings: DescriptorConfig) -> np.ndarray:
     """Poses (p, 4, 4) of cliques of three and more matches, grown in the densest parts of the agreement."""
+    # Memory and time of the agreement go with the square of the matches.
     matches = _evenly(matches, settings.max_compared)
     agreement = _agreement(matches, settings.cosine_tolerance)
     is_left = np.ones(len(agreement), bool)
@@ -130,8 +133,10 @@ def _clique_poses(matches: Matches, settings: DescriptorConfig) -> np.ndarray:
 
 def _densest(agreement: np.ndarray, is_left: np.ndarray, max_nodes: int) -> np.ndarray:
     """The matches, among those left, that agree with the most others that are left; in order."""
+    # Truth values become float32 here, because NumPy multiplies only floating matrices by a fast routine.
     degree = np.where(is_left, agreement @ is_left.astype(np.float32), 0.0)
     nodes = np.argsort(-degree, kind="stable")[:max_nodes]
+    # A match of a clique of three agrees with two others.
     return np.sort(nodes[degree[nodes] >= 2.0])
 
 
@@ -180,11 +185,13 @@ def _rank_poses(
         )
 
     refit = partial(poses_from_matches, *sides, normal_weight=_normal_weight(matches))
+    # Each refit takes up what the pose before explained, and may so explain more.
     for _ in range(rounds):
         poses = _in_groups(refit, _in_groups(explain, poses).astype(np.float32))
     explained = _in_groups(explain, poses)[:, :count]
     places = _count_places(explained, matches)
     order = np.argsort(-places, kind="stable")
+    # Three separate places fix a pose; matches at fewer may all lie on one line.
     order = order[places[order] >= 3]
     return poses[order], places[order]
 

@@ -34,6 +34,7 @@ def distinct_rows(
     """
     kept: list[int] = []
     bound = least_trace(degrees)
+    # The sort is stable, so that equal scores keep their order and equal inputs keep the same rows.
     order = np.arange(len(rotations)) if scores is None else np.argsort(-scores, kind="stable")
     # Rows are compared, best first, with kept ones alone: chains of near rows do not make far ones alike.
     for row in order:

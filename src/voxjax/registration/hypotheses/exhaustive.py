@@ -19,9 +19,12 @@ def upright_frame(directions: np.ndarray, shares: np.ndarray) -> np.ndarray:
     """
     if len(directions) == 0:
         return np.eye(3)
+    # Of the other directions only the part across the first counts: those nearly parallel to it have little
+    # left.
     first = directions[np.argmax(shares)]
     rest = directions - (directions @ first)[:, None] * first
     strength = np.linalg.norm(rest, axis=1) * shares
+    # A map of one direction, such as a single wall, fixes no second one: any axis across the first will do.
     if strength.max() < 1e-6:
         rest, strength = (
             np.eye(3) - np.outer(first, first),
@@ -85,6 +88,7 @@ def exhaustive_hypotheses(
         # Half a cell at the far end of b is lost in the cells.
         turned = _quarter_turns_apart(frame @ rotations.astype(np.float64), 0.5 * cell / max(radius, cell))
         placements = _place(points_a, points_b, turned, frame, cell)
+        # A transform needs room for all translations: a block as wide as both maps beside each other.
         if all(np.prod(place.box_a + place.box_b) <= chosen.max_cells for place in placements):
             break
     found = search_translations(
@@ -105,6 +109,7 @@ def exhaustive_hypotheses(
         scores.append(top.astype(np.float64))
     if not poses:
         return np.zeros((0, 4, 4), np.float32), np.zeros(0)
+    # The search adds both ways; scores of poses are the mean of both everywhere else.
     all_poses, all_scores = np.concatenate(poses), np.concatenate(scores) / 2.0
     order = np.argsort(-all_scores, kind="stable")
     return all_poses[order].astype(np.float32), all_scores[order]
@@ -162,6 +167,8 @@ def _quarter_turns_apart(turned: np.ndarray, max_angle: float) -> np.ndarray:
     for rotation in turned:
         for head in heads:
             between = rotation @ head.T
+            # Rounded to whole numbers, a rotation near a quarter turn becomes one; any other becomes no
+            # rotation, or one that is too far away.
             quarter = np.rint(between)
             if np.sum(between * quarter) >= bound and np.array_equal(quarter @ quarter.T, np.eye(3)):
                 snapped.append(quarter @ head)

@@ -94,6 +94,7 @@ def map_features(
     count = prepared.num_points
     normals, planarity = np.asarray(prepared.normals)[:count], np.asarray(prepared.planarity)[:count]
     leverage = planarity.astype(np.float64) * np.asarray(prepared.weights)[:count]
+    # Normals of clutter point anywhere and would only blur the peaks of the directions.
     is_planar = planarity > chosen.min_planarity
     directions, shares = dominant_directions(normals[is_planar], planarity[is_planar], settings=chosen)
     # A map without any planar voxel has no leverage; its voxels then count alike.
@@ -125,4 +126,5 @@ def _prepare(grid: VoxelGrid, settings: MapConfig) -> tuple[PreparedMap, str]:
         prepared = prepare_map(inferred)
         if prepared.free_share >= settings.min_inferred:
             return prepared, "inferred"
+    # Without inferred free space, or with too little to be of use, the map counts as it was given.
     return prepare_map(grid), "unknown"

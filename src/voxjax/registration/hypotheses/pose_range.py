@@ -37,5 +37,6 @@ class PoseRange(NamedTuple):
             offset = change[:, :3, :3] @ self.centroid + change[:, :3, 3]
             trace = np.einsum("kij,ij->k", poses[:, :3, :3], self.guess[:3, :3])
             is_admitted &= np.linalg.norm(offset, axis=1) <= self.metres
+            # Every rotation is within 180 degrees of the guess; of larger angles the cosine would rise again.
             is_admitted &= trace >= least_trace(np.degrees(min(self.radians, np.pi)))
         return is_admitted

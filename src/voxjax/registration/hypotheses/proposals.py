@@ -92,6 +92,8 @@ def propose_exhaustively(
         rotation: How rotations are found.
         exhaustive: How fine the translations are searched.
     """
+    # Signs tell apart rotations under which surfaces face opposite ways; without free space in both maps they
+    # mean nothing.
     rotations, _ = rotation_hypotheses(
         a.normals,
         b.normals,
@@ -106,6 +108,7 @@ def propose_exhaustively(
         a.prepared,
         b.prepared,
         rotations,
+        # The frame of a alone serves both maps: b is brought into it by each of the rotations.
         upright_frame(a.directions, a.shares),
         conflict_weight=conflict_weight,
         num_peaks=source.num_peaks,
@@ -126,6 +129,7 @@ def propose_corner_frames(
         pose_range: Which poses can be.
         conflict_weight: How many hits a conflict outweighs.
     """
+    # Corners are computed here, when first asked for, those of both maps side by side.
     corners_a, corners_b = spread(lambda features: features.corners, (a, b))
     counts = {"num_corners_a": corners_a.num_listed, "num_corners_b": corners_b.num_listed}
     found = frame_poses(
@@ -192,6 +196,7 @@ def propose_from_descriptors(
         descriptor: How descriptors are matched and cliques grown.
         max_poses: Largest number of poses.
     """
+    # Descriptors of normals that are signed by different rules cannot be compared.
     use_free_space = a.prepared.has_free_space and b.prepared.has_free_space
     described_a, described_b = spread(lambda f: f.late.descriptors(use_free_space=use_free_space), (a, b))
     poses, sizes = descriptor_hypotheses(

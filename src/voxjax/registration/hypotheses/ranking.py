@@ -29,6 +29,7 @@ def rank_poses(
     total = np.zeros(len(poses), np.float32)
     # Points are drawn by leverage, and therefore all count the same.
     weights = np.full(num_points, 1.0 / num_points, np.float32)
+    # Both ways count: where surfaces of a lie in free space of b, only the second way shows it.
     for target, other, direction in ((a, b, T), (b, a, rigid.inverse(T))):
         points = np.asarray(other.points)[sample_rows(other, num_points)]
         shares = score_poses(

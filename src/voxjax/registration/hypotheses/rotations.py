@@ -20,6 +20,8 @@ from .settings import RotationConfig, SourceConfig
 
 def _frame(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Right-handed orthonormal frame, as columns, symmetric in the two directions."""
+    # Sum and difference are at right angles for unit vectors; an error of the angle between them spreads to
+    # both alike.
     s, d = first + second, first - second
     s, d = s / np.linalg.norm(s), d / np.linalg.norm(d)
     return np.stack([s, d, np.cross(s, d)], axis=1)
@@ -58,6 +60,7 @@ def pair_rotations(
                         angle_tolerance
                     ):
                         continue
+                    # The relative sign is settled; both directions may still be turned over together.
                     for flip in (1.0, -1.0):
                         frame_b = _frame(flip * directions_b[k], flip * sign * directions_b[m])
                         rotations.append(frame_a @ frame_b.T)
@@ -95,6 +98,7 @@ def sharpen_rotations(
 
     def kernel(rotation: Array) -> tuple[Array, Array]:
         cosine = normals_a @ (normals_b @ rotation.T).T
+        # Where signs mean nothing, the nearer of a normal and its opposite counts.
         sign = jnp.where(jnp.asarray(is_signed) | (cosine >= 0), 1.0, -1.0).astype(jnp.float32)
         return jnp.exp(concentration * (cosine * sign - 1.0)), sign
 
@@ -149,9 +153,11 @@ def rotation_hypotheses(
         directions_a, directions_b, angle_tolerance=chosen.angle_tolerance, min_angle=chosen.min_angle
     )
     if max_lean is not None:
+        # Rotations that cannot be are left out before they take the time, and the places, of those that can.
         seeds = seeds[seeds[:, 2, 2] > np.cos(np.radians(max_lean))]
     if len(seeds) == 0:
         return np.zeros((0, 3, 3), np.float32), np.zeros(0)
+    # Seeds have no scores yet, so the first of alike ones stays: directions come strongest first.
     seeds = seeds[distinct_rows(seeds, degrees=apart, max_count=chosen.max_seeds)]
     stride, kernel = chosen.rough_stride, chosen.concentration
     # Seeds are many and most climb to the same few rotations, which some of the normals are enough to tell.

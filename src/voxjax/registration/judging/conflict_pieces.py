@@ -50,6 +50,7 @@ def _codes_at(target: PreparedMap, points: np.ndarray, T: np.ndarray) -> np.ndar
     turned = turned_on_host(turn, np.ascontiguousarray(points.T))
     places = (np.add(place, shift[axis], out=place) for axis, place in enumerate(turned))
     cell, is_inside = cells_on_host(places, target.grid.states.shape)
+    # Places outside were given cell 0, whose code means nothing there.
     return np.take(np.asarray(target.codes), cell) * is_inside
 
 
@@ -66,6 +67,7 @@ def _in_pieces(other: PreparedMap, points: np.ndarray, min_area: float) -> int:
     # Slanted surfaces are steps of voxels, which hang together across edges and corners only.
     labels = np.empty(block.shape, np.int32)
     ndimage.label(block, np.ones((3, 3, 3), int), output=labels)
+    # Every labelled voxel is a conflict, so that label 0, the background, has none.
     sizes = np.bincount(labels[block])
     return int(sizes[sizes * voxel**2 >= min_area].sum())
 
@@ -88,12 +90,15 @@ def weigh_pieces(a: PreparedMap, b: PreparedMap, leaders: Leaders, settings: Ver
     pieces, shared = areas.T
     judgement = leaders.judgement._replace(pieces=pieces, shared=shared)
     order = np.argsort(-net_scores(judgement, settings.min_rival_share), kind="stable")
+    # The best pose is the first one everywhere after this: the verdict and the last refinement take it from
+    # there.
     return leaders._replace(judgement=judgement).take(order)
 
 
 def rivals(judgement: Judgement, min_share: float = VerdictConfig.min_rival_share) -> np.ndarray:
     """Which poses (k,) compete for the first place, the best included: those with a share of the best score."""
     scores = judgement.score()
+    # A pose without a positive score is supported by nothing, and no rival of anything.
     return (scores >= min_share * scores.max(initial=0.0)) & (scores > 0.0)
 
 
@@ -104,4 +109,5 @@ def net_scores(judgement: Judgement, min_share: float = VerdictConfig.min_rival_
     """
     is_rival = rivals(judgement, min_share)
     least = judgement.pieces[is_rival].min(initial=np.inf)
+    # The one square metre keeps the quotient finite, and lets small differences of area weigh little.
     return judgement.score() * np.where(is_rival, (1.0 + least) / (1.0 + judgement.pieces), 1.0)

@@ -75,6 +75,7 @@ def judge_poses(
     # What the hits of a fix is known in frame b; it is turned into frame a under each pose.
     rotation = T[:, :3, :3].astype(np.float64)
     fixed_a = np.einsum("kij,kjl,kml->kim", rotation, fixed_a, rotation)
+    # Maps count alike, whatever their sizes: each share is of the leverage of its own map.
     mean = (of_b + of_a) / 2
     nobody_looked = np.zeros(len(poses))
     return Judgement(
@@ -122,6 +123,8 @@ def _one_way(
         points, sides = points[rows], sides[rows]
         # Points are drawn by leverage, and therefore all count the same.
         weights = np.full(num_points, 1.0 / num_points, np.float32)
+    # Before refinement a right pose is off by about a coarse cell, and would seem to conflict with surfaces
+    # that it fits.
     codes = target.coarse_codes(target.coarse_factor) if is_coarse else target.codes
     shares, fixed = surface_evidence(
         codes, target.keys, target.block, target.sides, points, sides, weights, poses, is_signed

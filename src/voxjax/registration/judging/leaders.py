@@ -81,6 +81,7 @@ def find_leaders(
     """
     poses, sources = proposals.poses, proposals.sources
     if len(poses) == 0:
+        # An empty set of leaders goes through all later stages, so that the verdict has the sentence for it.
         return Leaders(poses, no_judgement(weights.conflict_weight), ())
     coarse, weight = weights.coarse_conflict_weight, weights.conflict_weight
 
@@ -92,6 +93,7 @@ def find_leaders(
     judged = judge_poses(
         a, b, poses[rows], num_points=settings.num_coarse_points, conflict_weight=coarse, is_coarse=True
     )
+    # The rows lead back to the proposals, so that each leader keeps the name of its source.
     rows = rows[_best_unrefined(a, b, poses[rows], judged.score(), settings, settings.num_refined)]
 
     # 3. Refined from afar, and judged at the tolerance of refined poses.

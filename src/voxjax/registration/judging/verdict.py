@@ -62,6 +62,7 @@ class Finding(NamedTuple):
 
 def support(judgement: Judgement) -> np.ndarray:
     """Agreement along the worst direction (k,): 1 when all surfaces of both maps agree."""
+    # Where everything agrees the information is a third of the identity, whose least eigenvalue is 1/3.
     return 3.0 * np.linalg.eigvalsh(judgement.information)[:, 0]
 
 
@@ -95,6 +96,7 @@ def probabilities(
             shared = np.max(utility[is_rival]) + np.log(within / within.sum())
         utility = np.where(is_rival, shared, utility)
     utility = np.concatenate([[weight.none], utility])
+    # The largest is taken off first: exponentials of large numbers would overflow, and shares do not change.
     shares = np.exp(utility - utility.max())
     return shares / shares.sum()
 
@@ -118,6 +120,8 @@ def decide(
     none, confidence = float(chance[0]), float(chance[1])
     conflict = float(judgement.conflicts[0] / max(judgement.hits[0] + judgement.conflicts[0], 1e-9))
     shown = _shown(judgement, conflict, has_free_space=has_free_space, is_inferred=is_inferred)
+    # No overlap is the answer where nothing supports the pose, or where it is both the likelier one and more
+    # than an even bet; any other doubt makes the pose ambiguous.
     if net_scores(judgement, settings.min_rival_share)[0] <= 0.0 or none > max(0.5, confidence):
         return Finding("no_overlap", confidence, f"No pose is supported by the maps: at best {shown}.", none)
     if conflict > settings.max_conflict:

@@ -46,6 +46,7 @@ class NeighbouringPoints:
         ranks = list(range(1, min(count, len(self.voxels_b)) + 1))
         _, rows = self.tree_b.query(corners_b, k=ranks, distance_upper_bound=radius)  # pyright: ignore
         # Where there are fewer neighbours, the tree gives the row after the last.
+        # Corners near each other share neighbours, which must not weigh twice.
         rows = np.unique(rows)
         return rows[rows < len(self.voxels_b)]
 
@@ -66,6 +67,7 @@ class NeighbouringPoints:
         )
 
         def align(points_a: np.ndarray, points_b: np.ndarray) -> np.ndarray:
+            # Five corners alone are rounded to voxels; their neighbours average that away (section IV.C).
             T_a_b = kabsch(points_a, points_b)
             rows = self.beside(points_b, radius=radius, count=chosen.max_neighbours // 4)
             more_a, more_b = self.pairs(rows, T_a_b, reach)
@@ -100,6 +102,8 @@ def align_matches(
     size = wide_bucket_size(len(points_a) + len(rows), 256)
     converged = True
     reaches = np.geomspace(chosen.first_match_distance, chosen.last_match_distance, chosen.num_rounds)
+    # The reach falls with the error of the pose: wide enough at first to find partners, narrow at last to find
+    # right ones.
     for reach in reaches * voxel_size:
         more_a, more_b = neighbours.pairs(rows, T_a_b, reach)
         all_a, all_b = np.concatenate([points_a, more_a]), np.concatenate([points_b, more_b])
@@ -135,6 +139,7 @@ def fit_points(
     Returns:
         The pose, whether the solver converged, and its steps.
     """
+    # The fit turns about the centroid of the points, where shifts and turns hardly depend on each other.
     centroid = jnp.sum(points_b * weights[:, None], axis=0, dtype=points_b.dtype)
     offset = (points_b - centroid[None, :]) * jnp.sqrt(weights)[:, None]
     radius = jnp.sqrt(jnp.sum(offset * offset, dtype=offset.dtype))
@@ -149,6 +154,8 @@ def fit_points(
         gap = points_b @ moved[:3, :3].T + moved[:3, 3][None, :] - points_a
         return robustify(gap / scale, "huber") * jnp.sqrt(weights)[:, None]
 
+    # Six unknowns and many rows: normal equations are small, and forward passes, one for each unknown, are the
+    # fewest.
     solver = optx.LevenbergMarquardt(rtol=1e-5, atol=1e-5, linear_solver=lx.Normal(lx.Cholesky()))
     solution = optx.least_squares(
         residuals,

@@ -67,6 +67,7 @@ def register_paper(
     tolerance = chosen.distance_tolerance * voxel
     graph = consistency_graph(corners_a, corners_b, distance_tolerance=tolerance)
     clock.lap("consistency")
+    # The search trees are built once: the early transform asks them thousands of times.
     neighbours = NeighbouringPoints(a.occupied_points(), b.occupied_points(), voxel, settings=chosen)
     early_align = neighbours.early_align()
     masks = np.asarray(corners_a.mask), np.asarray(corners_b.mask)
@@ -88,10 +89,12 @@ def register_paper(
 
     # Section IV.D and V.B: the transform from the matches and their neighbouring points.
     first, second = found.schemes[best].T
+    # Only the winner gets the exact transform; the other schemes keep that by which the tie was decided.
     poses[best], _ = align_matches(points_a[first], points_b[second], neighbours)
     clock.lap("transform")
 
     # What the paper leaves open: covariance and verdict.
+    # The sort is stable and `argmax` takes the first of equals, so that the winner comes first here, too.
     order = np.argsort(-counts, kind="stable")[: chosen.max_hypotheses]
     options = {"size": size, "settings": chosen, "conflict_weight": conflict_weight}
     judged = judge_schemes(a, b, poses[order], counts[order], **options)

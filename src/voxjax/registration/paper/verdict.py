@@ -83,6 +83,7 @@ def _rival(
     traces = np.einsum("kij,ij->k", poses[:, :3, :3], poses[0, :3, :3])
     is_far = np.linalg.norm(images - images[0], axis=1) > settings.distinct_voxels * voxel_size
     is_elsewhere = is_far | (traces < least_trace(settings.distinct_degrees))
+    # Schemes that put b at one place are one answer, found from different corners.
     return float(counts[is_elsewhere].max(initial=0) / max(counts[0], 1))
 
 
