@@ -64,6 +64,7 @@ class JointRefinement(eqx.Module):
 
 def how_it_ended(converged: Bool[Array, ""], is_degenerate: Bool[Array, ""]) -> RESULTS:
     """The result of a solve: a pose that can slide is `degenerate`, whether the solver converged or not."""
+    # The outcome may be traced, so it is selected and not branched on.
     ended = RESULTS.where(converged, RESULTS.successful, RESULTS.not_converged)
     return RESULTS.where(is_degenerate, RESULTS.degenerate, ended)
 
@@ -89,6 +90,7 @@ def unrefined_poses(
 ) -> JointRefinement:
     """Outcome without a pair of maps: the starts, all held and therefore without a covariance."""
     covariance = np.zeros((len(start), 6, 6), np.float32)
+    # No pair was held against each other, so that no map was moved.
     return JointRefinement(start, covariance, result, (), held, unpaired, *_without_a_step(()))
 
 

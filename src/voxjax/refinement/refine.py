@@ -93,10 +93,14 @@ def refine(
     led = lead_pose(start, other.prepared.centroid, coarse, loss=loss, both_ways=both_ways)
 
     # On the maps themselves the robust scale falls, level by level.
+    # The problem of the covariance, where it is another one, is of the same maps, points and ways as the one
+    # that is solved.
     between = partial(pose_problem, target, other, num_points=num_points, both_ways=both_ways)
     problem = between(residuals=kinds, loss=loss)
     # The covariance counts planes of weight 1, whatever is minimised: it must not depend on weights.
     planes = problem if kinds.get("planes") == 1.0 else between()
+    # The caller's terms come on top of the maps' own, and only into what is minimised: the covariance does not
+    # know them.
     problem = PoseProblem((*problem.terms, *terms), problem.centroid, problem.radius)
     scales = scales_in_reach(first, last, voxel).astype(problem.centroid.dtype)
     found = (solve_starts if start.ndim == 3 else solve_pose)(problem, led, scales)

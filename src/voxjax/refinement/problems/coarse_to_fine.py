@@ -43,6 +43,7 @@ def checked_distances(
     first = START_DISTANCE * voxel_size if max_distance is None else max_distance
     last = 1.0 * voxel_size if final_distance is None else final_distance
     first = check_positive("max_distance", first, "m")
+    # The scale never grows on the way: a small distance to start with is one to end with, too.
     return first, min(check_positive("final_distance", last, "m"), first)
 
 
@@ -52,6 +53,7 @@ def robust_scales(first: float, last: float) -> Float[np.ndarray, "levels"]:
     levels_per_octave = 2
     # What rounding leaves of a whole number of octaves must not add a level.
     num_levels = max(int(np.ceil(levels_per_octave * np.log2(first / last) - 1e-6)), 1)
+    # A single level has the last scale: `geomspace` of one number gives where it begins.
     return np.geomspace(last, first, num_levels)[::-1].astype(np.float32)
 
 
@@ -75,6 +77,7 @@ def coarse_levels(maps: Sequence[PreparedMap], first: float, voxel_size: float) 
         voxel_size: Voxel size of the maps, or of the coarsest of them [m].
     """
     levels = []
+    # Each factor is made of the maps themselves, not of the coarser ones before: rounding would add up.
     for factor in coarse_factors(first / voxel_size):
         grids = [prepared.grid for prepared in maps]
         coarser = spread(

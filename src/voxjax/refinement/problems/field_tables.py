@@ -64,6 +64,7 @@ def opinion_field_of(prepared: PreparedMap, said: Float[Array, "x y z"] | None =
     # Opinions of voxels within three voxels of a surface are told apart; beyond, free is free.
     band_sq = 9
     states = np.asarray(prepared.grid.states).reshape(-1)
+    # The padding of the table is cut off: its cells are of no map, and must not get rows.
     keys = _keys(prepared)
     is_near = (keys != NOTHING_NEAR) & (np.asarray(split_keys(keys)[1]) <= band_sq)
     cells = np.flatnonzero(is_near)
@@ -72,7 +73,9 @@ def opinion_field_of(prepared: PreparedMap, said: Float[Array, "x y z"] | None =
         near = np.where(states[cells] == OCCUPIED, 1.0, np.where(states[cells] == FREE, -1.0, 0.0))
         near = jnp.asarray(pad_rows(near.astype(np.float32), length))
     else:
+        # Padding reads cell 0, and nothing points to what it reads.
         near = jnp.asarray(said).reshape(-1)[pad_rows(cells, length)]
+    # Two numbers stand for most of the volume: a derivative is then as long as what is near surfaces.
     values = jnp.concatenate([jnp.asarray([0.0, -1.0], near.dtype), near])
     field = _field(prepared, cells, 2, values)
     # The rows are still the host's memory, which may be written until it is put on the device.

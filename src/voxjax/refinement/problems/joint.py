@@ -86,6 +86,7 @@ def joint_maps(
     )
     # Views of log-odds have their dtype, which all share: float64 where gradients are checked.
     dtype = next(iter(views.values())).anchors.dtype
+    # Maps without a pair keep numbers that do no harm: a radius of 0 would be divided by.
     centroids, radii = np.zeros((len(maps), 3), dtype), np.ones(len(maps), dtype)
     for number, view in views.items():
         centroids[number], radii[number] = centre_of(view, num_points)

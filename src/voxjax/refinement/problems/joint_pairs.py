@@ -28,6 +28,7 @@ def check_map(name: str, number: int, num_maps: int) -> int:
     Raises:
         InputError: If there is no such map.
     """
+    # Numbers may come as NumPy's or as whole floats, but must not count from the end, as -1 would.
     if number != int(number) or not 0 <= number < num_maps:
         raise InputError(f"{name} must be the number of a map, 0 to {num_maps - 1}, got {number!r}.")
     return int(number)
@@ -44,6 +45,7 @@ def checked_pairs(name: str, pairs: Collection[Pair], num_maps: int) -> list[Pai
         if len(pair) != 2 or pair[0] == pair[1]:
             raise InputError(f"{name} must be two different maps each, got {tuple(pair)!r}.")
         checked.append((check_map(name, pair[0], num_maps), check_map(name, pair[1], num_maps)))
+    # (a, b) and (b, a) are one pair: both together would count its surfaces twice.
     if len({frozenset(pair) for pair in checked}) < len(checked):
         raise InputError(f"{name} must name each pair of maps once, got {checked!r}.")
     return checked
@@ -83,6 +85,7 @@ def checked_terms(
 
 def with_named(pairs: Sequence[Pair], named: Collection[Pair]) -> list[Pair]:
     """Pairs and those that are named beside them; the way round that they are named."""
+    # Terms are about `T_a_b`, so that the way round in which they were named decides.
     ways = {frozenset(pair): pair for pair in named}
     return [*(ways.pop(frozenset(pair), pair) for pair in pairs), *ways.values()]
 
@@ -116,6 +119,7 @@ def connected_parts(num_maps: int, pairs: Sequence[Pair]) -> Int[np.ndarray, "ma
 
 def held_maps(parts: Int[np.ndarray, "maps"], anchor: int) -> Bool[np.ndarray, "maps"]:
     """Which maps stay where they are: the first of each part, but of the anchor's part the anchor."""
+    # The number of a part is that of its lowest map, which is thereby the one that equals its own entry.
     is_held = parts == np.arange(len(parts))
     is_held[parts == parts[anchor]] = False
     is_held[anchor] = True

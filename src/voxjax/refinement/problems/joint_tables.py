@@ -59,6 +59,8 @@ def _surfaces(
     is_soft = any(surface.trust is not None for surface in surfaces)
     if is_soft:  # derivatives are as long
         num_rows = wide_bucket_size(sum(counts), least_rows)
+    # What is added to a map's own numbers: where its cells begin in the common keys, and its rows in the common
+    # lists.
     first_cells, first_rows = _firsts(sizes), _firsts(counts)
 
     def keys(surface: NearestSurface, size: int, row: int) -> np.ndarray:
@@ -71,6 +73,7 @@ def _surfaces(
         return _table([getattr(surface, name)[:count] for surface, count in parts], num_rows)
 
     def trust_of(surface: NearestSurface, count: int) -> Array:
+        # In one table with soft maps, those without probabilities trust all their voxels.
         return np.ones(count, surface.points.dtype) if surface.trust is None else surface.trust[:count]
 
     all_keys = _table([keys(*each) for each in zip(surfaces, sizes, first_rows, strict=True)], num_cells)
@@ -102,6 +105,7 @@ def _fields(fields: Sequence[Field | None], sizes: Sequence[int]) -> list[AtlasF
     num_cells, _ = table_lengths(sum(sizes), 0)
     first_cells, first_rows = _firsts(sizes), _firsts(counts)
     parts = zip(given, sizes, first_rows, strict=True)
+    # Rows move on by the values of the maps before; those of the outside do so as well, see below.
     all_rows = _table(
         [np.asarray(field.rows)[:size] + np.int32(row) for field, size, row in parts], num_cells
     )

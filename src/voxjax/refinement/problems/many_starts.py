@@ -39,6 +39,7 @@ def solve_starts(
             basin, chosen = _basins(poses, problem, float(scales[levels[0]]))
             led = _grouped(partial(find_basins, scales=scales, levels=levels), problem, poses[chosen])
             poses, steps = led[0][basin], steps + led[1][basin]
+    # The last level uses all points, so starts that have met by now are joined once more before it.
     basin, chosen = _basins(poses, problem, float(scales[-1]))
     found = spread_solves(lambda row: solve_pose(problem, poses[row], scales, is_led=True), list(chosen))
     T, _, after, more, converged = (np.stack([np.asarray(one[k]) for one in found])[basin] for k in range(5))

@@ -44,6 +44,7 @@ def checked_residuals(residuals: Mapping[str, float] | None) -> dict[str, float]
     for kind, weight in residuals.items():
         if kind not in known:
             raise InputError(f"residuals must be among {', '.join(known)}, got {kind!r}.")
+        # Said as what must hold, because NaN compares false with everything.
         if not weight > 0:
             raise InputError(f"residuals must have positive weights, got {weight} for {kind!r}.")
     if not residuals:
@@ -109,6 +110,7 @@ def _term(kind: str, target: Target, points: Points, is_inverse: bool, *, share:
     if kind == "occupancies":
         assert target.opinions is not None  # the kind was asked for
         assert points.opinions is not None
+        # Opinions are of voxel centres, free ones included, and not of the sample on the planes.
         centres, said = points.opinions
         return Occupancies(
             field=target.opinions, sample=_times(centres, share), said=said, is_inverse=is_inverse

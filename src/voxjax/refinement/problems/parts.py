@@ -98,6 +98,7 @@ def check_num_points(num_points: object, most: int = 10_000_000) -> None:
 def sample_of(view: MapView, num_points: int) -> Sample:
     """`num_points` voxels of a map, drawn by leverage; voxels repeat where the map has fewer."""
     prepared, dtype = view.prepared, view.anchors.dtype
+    # Drawing by leverage makes equal weights right: what rules out much is drawn often.
     rows = sample_rows(prepared, num_points)
     weights = np.full(num_points, 1.0 / num_points, dtype)
     # A normal of length 0 says that there is no plane: `meet` then asks for no angle.
@@ -120,6 +121,7 @@ def centre_of(view: MapView, num_points: int) -> tuple[Float[Array, "3"], Float[
 def radius_of(sample: Sample) -> Float[np.ndarray, ""]:
     """Root mean square distance of the sample from the centroid [m]."""
     offset = np.asarray(sample.points) - np.asarray(sample.centroid)[None, :]
+    # The bound keeps a map of a single voxel from dividing by 0.
     return np.asarray(max(np.sqrt((offset**2).sum(axis=1).mean()), 1e-3), np.float32)
 
 
@@ -143,6 +145,7 @@ def _said_points(view: MapView, num_points: int) -> tuple[Sample, Float[Array, "
         # Free space has no leverage to draw by; every so many of its voxels in the order of the grid are as good.
         chosen = free[(np.arange(count) * len(free)) // max(count, 1)]
         index = np.concatenate([index, np.stack(np.unravel_index(chosen, grid.shape), axis=-1)])
+    # Centres, not places on planes: opinions are of voxels.
     points = grid.world_from_index(index).astype(dtype)
     if view.said is None:
         is_occupied = np.asarray(grid.states)[tuple(index.T)] == OCCUPIED

@@ -43,6 +43,7 @@ def checked_start(name: str, T: object) -> Array:
     if isinstance(T, jax.Array) and isinstance(T, Tracer):
         return T
     poses = np.asarray(T)
+    # Anything that is no list of poses is checked, and refused, as a single one.
     if poses.ndim != 3:
         return check_pose(name, T)
     if not len(poses):

@@ -69,11 +69,14 @@ class SoftMap(NamedTuple):
         Planes are fitted with each voxel weighing as much as it is probably occupied, and points and surfaces weigh
         as much as well.
         """
+        # All that follows has the dtype of the log-odds: float64 where derivatives are checked, though maps are
+        # float32.
         odds = jnp.asarray(log_odds)[self.window]
         prepared, dtype = self.prepared, odds.dtype
         index = prepared.grid.occupied_index()
         length = self.neighbours.place.shape[0]
         probable = jax.nn.sigmoid(odds[tuple(index.T)])
+        # Padding has a probability of 0 and drops out of every weighted sum.
         occupancy = jnp.zeros(length, dtype).at[: len(index)].set(probable)
         # Normals by the states only give the planes their side; the planes themselves follow the log-odds.
         normals, planarity = (

@@ -83,6 +83,7 @@ def plane_distances(
     References:
         Curless and Levoy, A volumetric method for building complex models from range images, 1996.
     """
+    # Both parts of the distance are from the same anchor: across the plane, and along it.
     gap = [c - a for c, a in zip(centres.T, anchors[nearest].T, strict=True)]
     across = dot(gap, list(normals[nearest].T))
     # Rounding may leave the square of the part along the plane a little below 0.

@@ -57,6 +57,8 @@ class Cells(NamedTuple):
 
     def at(self, points: Columns) -> Float[Array, "n"]:
         """Trilinear value at points; beyond the cell the polynomial goes on."""
+        # Shares are taken in the cell that was looked up, also after a point has left it: held cells stay
+        # smooth.
         high = [(p - low) / self.voxel_size for p, low in zip(points, self.low, strict=True)]
         share = [(1.0 - h, h) for h in high]
         parts = [
@@ -73,6 +75,7 @@ def cells_around(field: Field, points: Columns) -> Cells:
     place = [jnp.floor((points[i] - field.origin[i]) / field.voxel_size - 0.5) for i in range(3)]
     values = []
     for corner in CORNERS:
+        # Half a voxel more leads to the middle of a voxel, where rounding cannot lead into the next one.
         cell, is_inside = block.cells_at([place[i] + (corner[i] + 0.5) for i in range(3)])
         values.append(entries(field.values, jnp.where(is_inside, entries(field.rows, cell), outside)))
     low = [(place[i] + 0.5) * field.voxel_size + field.origin[i] for i in range(3)]

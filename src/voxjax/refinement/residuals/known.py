@@ -58,6 +58,7 @@ class Prior(Term):
         """See `Term`."""
         del level
         # A belief has its own scale, whatever level the others are at.
+        # The squares of the rows add up to the squared Mahalanobis distance from the belief.
         return (self.root_information @ tangent_between(self.T_a_b, T_a_b, self.centroid))[:, None]
 
 

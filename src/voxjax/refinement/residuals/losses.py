@@ -29,6 +29,7 @@ def robust_factor(squared: Float[Array, "*n"], loss: Loss) -> Float[Array, "*n"]
         return 1.0 / jnp.sqrt(1.0 + squared)
     # Huber is quadratic up to 1; Cauchy's quotient below loses its digits near 0, where its series takes over.
     is_small = squared < (1.0 if loss == "huber" else 1e-4)
+    # The branch that is not taken is differentiated as well: at 0 it would give NaN, at 1 it is harmless.
     squared_safe = jnp.where(is_small, jnp.ones_like(squared), squared)
     if loss == "huber":
         factor = jnp.sqrt(2.0 * jnp.sqrt(squared_safe) - 1.0) / jnp.sqrt(squared_safe)
@@ -50,4 +51,5 @@ def robust_slope(squared: Float[Array, "*n"], loss: Loss) -> Float[Array, "*n"]:
         return 1.0 / ((1.0 + squared) * (1.0 + squared))
     if loss == "cauchy":
         return 1.0 / (1.0 + squared)
+    # Huber's: quadratic within the scale, where the weight is 1; linear beyond.
     return 1.0 / jnp.sqrt(jnp.maximum(squared, 1.0))

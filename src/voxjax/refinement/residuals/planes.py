@@ -160,6 +160,7 @@ class PointToPlane(Term):
 
     def met(self, T_a_b: Float[Array, "4 4"]) -> Meeting:
         """See `Term`."""
+        # The unknown is one pose whichever map's points are moved; the second way looks through its inverse.
         T = rigid.inverse(T_a_b) if self.is_inverse else T_a_b
         return meet(self.surface, moved_columns(T, self.sample.points), self.sample.normals, T[:3, :3])
 
@@ -214,6 +215,8 @@ class HeldPointToPlane(PointTerm):
         """See `PointTerm`."""
         met = self.meeting
         gap = [p - q for p, q in zip(points, met.anchor, strict=True)]
+        # The offset is split into the part across the plane, which counts in full, and the one along it, which
+        # counts little.
         distance = dot(gap, met.normal)
         # Where there is no plane there is no along either: all directions count in full, as point to point.
         along = self.slide * met.planarity + (1.0 - met.planarity)

@@ -30,6 +30,7 @@ class Chart(NamedTuple):
         """The poses that unknowns stand for."""
         moved = self._each(move_about)(self.start, self.centroid, unknowns * self.units)
         return (
+            # Poses that stay are taken from the start, because a motion of 0 would still round them.
             moved if self.is_fixed is None else jnp.where(self.is_fixed[..., None, None], self.start, moved)
         )
 
@@ -65,5 +66,6 @@ def chart_about(
         is_fixed: Poses that stay; None where none does.
     """
     one = jnp.ones((*start.shape[:-2], 3), start.dtype)
+    # A turn by one scale over the radius moves points at the radius by one scale.
     units = jnp.concatenate([one, one / jnp.asarray(radius)[..., None]], axis=-1) * scale
     return Chart(start, centroid, units, is_fixed)

@@ -64,6 +64,7 @@ def plane_information(
         The weighted sum of `J J^T` of the distances across the surfaces, about the centroid of b in frame a; the
         weighted variance of these distances [m^2].
     """
+    # The tangent is about this point, so that shifts and turns of map b are least entangled.
     centre = T_a_b[:3, :3] @ problem.centroid + T_a_b[:3, 3]
     rows, points = [], []
     for term in _planes(problem):
@@ -73,9 +74,12 @@ def plane_information(
         rows.append((normal @ T_a_b[:3, :3].T if term.is_inverse else normal, distance, weight))
         points.append(term.sample.points if term.is_inverse else rigid.apply(T_a_b, term.sample.points))
     normal, distance, weight = (jnp.concatenate(part) for part in zip(*rows, strict=True))
+    # A turn w about the centre moves a point by w x arm, hence its distance from the plane by w . (arm x
+    # normal).
     arm = jnp.concatenate(points) - centre[None, :]
     jacobian = jnp.concatenate([normal, jnp.cross(arm, normal)], axis=1)
     total = jnp.sum(weight, dtype=weight.dtype)
+    # Without any match there is no information either, and the prior is all that is left.
     total_safe = jnp.maximum(total, jnp.finfo(total.dtype).tiny)
     variance = jnp.sum(weight * distance * distance, dtype=weight.dtype) / total_safe
     return (jacobian * weight[:, None]).T @ jacobian, variance

@@ -37,6 +37,8 @@ class NormalEquations(NamedTuple):
         diagonal = jnp.diagonal(self.matrix)
         # The floor keeps the system solvable in directions that no residual sees.
         floor = jnp.asarray(1e-7, diagonal.dtype) * jnp.max(diagonal) + jnp.finfo(diagonal.dtype).tiny
+        # Damping is a share of each unknown's own curvature, so that it means the same in metres and in
+        # radians.
         damped = jnp.asarray(self.matrix) + jnp.diag(damping * diagonal + floor)
         operator = lx.MatrixLinearOperator(damped, lx.positive_semidefinite_tag)
         return -lx.linear_solve(operator, self.slope, lx.Cholesky(), throw=False).value
@@ -73,6 +75,7 @@ def pose_equations(
     pivot = T_a_b[:3, :3] @ centroid + T_a_b[:3, 3]
     found = []
     for term in terms:
+        # Terms of points have their sums in closed form; any other term is differentiated in the six unknowns.
         if isinstance(term, PointTerm):
             found.append(_of_points(term, T_a_b, pivot, level))
         else:
@@ -95,6 +98,7 @@ def move_about(
         tangent: Translation [m] and rotation [rad] in frame a.
     """
     rotation = rigid.exp_so3(tangent[3:]) @ T[:3, :3]
+    # The image of the centroid moves by the shift alone, whatever the turn is.
     image = T[:3, :3] @ centroid + T[:3, 3] + tangent[:3]
     return rigid.from_rotation_translation(rotation, image - rotation @ centroid)
 
@@ -142,6 +146,7 @@ def _of_points(
 @functools.cache
 def _sums_to_equations() -> np.ndarray:
     """Constants that turn the sums into slope and matrix: float64 (42, 90)."""
+    # Symmetric matrices are kept as six entries; both orders of a pair lead to the same one.
     entry = {pair: k for k, pair in enumerate(_PAIRS)} | {(j, i): k for k, (i, j) in enumerate(_PAIRS)}
 
     def moves(unknown: int) -> list[tuple[int, int | None, float]]:

@@ -44,6 +44,7 @@ def implicit_solution(
     References:
         Blondel et al., Efficient and Modular Implicit Differentiation, 2022.
     """
+    # The value is passed on; all that this function adds is its derivative, below.
     del inputs, slope, solve
     return unknowns
 
@@ -67,6 +68,8 @@ def _implicit_solution_jvp(
     def slope_of_moving(moving: PyTree) -> Array:
         return slope(solution, eqx.combine(moving, still))
 
+    # The slope stays 0 as inputs change: curvature times the change of the solution makes up for what they do
+    # to it.
     _, slope_change = jax.jvp(slope_of_moving, (moving,), (change,))
     _, curvature = jax.linearize(lambda at: slope(at, inputs), solution)
     # JAX neither differentiates nor transposes `solve`, so it may look at its outcome; reverse mode calls it anew.

@@ -67,6 +67,7 @@ def solve_joint(
         chart = chart_about(start, problem.centroids, problem.radii, scales[-2], is_fixed=problem.is_fixed)
         found, steps, _ = lead(problem, chart, scales, max_level_steps=max_level_steps)
     # Both solve for the derivative alone; steps of the descent have solvers of their own (`joint_equations`).
+    # The number of maps is a shape, known when this is compiled: the kernel holds one of the two.
     solver = by_pseudo_inverse if start.shape[0] <= DIRECT_MAPS else by_conjugate_gradients
     refined, more, is_converged = settle(
         problem,

@@ -40,6 +40,7 @@ def joint_covariance(
         num_patches = 0.5 * (num_points[a] + num_points[b]) / PATCH_VOXELS
         # Voxels round positions, as in `pose_covariance`.
         known = information * (num_patches / (variance + voxel_size**2 / 12.0))
+        # Only the matrix of the equations is asked for; cost and slope have to be something.
         nothing = jnp.zeros(6, dtype)
         slopes = relative_slopes(
             poses[a], poses[b], problem.centroids[a], problem.centroids[b], pair.centroid
@@ -63,4 +64,5 @@ def joint_covariance(
     own = spread.reshape(num_maps, 6, num_maps, 6)[each, :, each, :]
     own = own + (MAP_ACCURACY * voxel_size) ** 2 * jnp.eye(6, dtype=dtype)[None]
     own = own * units[:, :, None] * units[:, None, :]
+    # A map that is held is known by definition, though its rows were only cut out of the system above.
     return jnp.where(problem.is_fixed[:, None, None], jnp.zeros_like(own), own)

@@ -38,6 +38,7 @@ class JointEquations(NamedTuple):
 
     def along(self, slopes: Float[Array, "maps 6 6"]) -> "JointEquations":
         """The equations in other unknowns, with which those of a map change by its `slopes`."""
+        # By the chain rule a gradient is multiplied by the slopes' transpose, a matrix from both sides.
         across = jnp.swapaxes(slopes, -1, -2)
         return self._replace(
             slope=_multiply(across, self.slope),
@@ -47,6 +48,7 @@ class JointEquations(NamedTuple):
 
     def times(self, move: Float[Array, "maps 6"]) -> Float[Array, "maps 6"]:
         """The matrix times a vector."""
+        # A block off the diagonal is kept once and serves for both halves of the symmetric matrix.
         back = _multiply(jnp.swapaxes(self.cross, -1, -2), move[self.first])
         product = _multiply(self.own, move).at[self.first].add(_multiply(self.cross, move[self.second]))
         return product.at[self.second].add(back)
@@ -140,6 +142,8 @@ def relative_slopes(
     centre = rigid.apply(T_world_b, pivot)
 
     def slopes(image: Array) -> Array:
+        # The difference comes first: both places may lie far from the world's origin, but they lie near each
+        # other.
         arm = jnp.matmul(turn, image - centre, precision=jax.lax.Precision.HIGHEST)
         return rigid.adjoint(rigid.from_rotation_translation(turn, arm))
 

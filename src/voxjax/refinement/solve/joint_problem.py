@@ -44,6 +44,7 @@ class Edges(eqx.Module):
         def one(own: PoseProblem, found: PyTree, a: Array, b: Array) -> Any:
             # `vmap` sees the arrays of each pair alone; tables in common come in from outside, without a copy for each.
             problem = eqx.combine(own, self.common)
+            # Points are thinned before what they met is held, so that both have the same length.
             problem = problem if self.stride == 1 else problem.thinned(self.stride)
             problem = problem if found is None else problem.holding(found)
             return function(problem, relative_pose(poses[a], poses[b]), a, b)

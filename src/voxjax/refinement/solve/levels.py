@@ -40,6 +40,7 @@ class Precision(NamedTuple):
 def precision_of(dtype: np.typing.DTypeLike) -> Precision:
     """The precision of float32 or float64."""
     single, double = Precision(1e-4, 1e-6, 1e-5), Precision(1e-9, 1e-15, 1e-10)
+    # Any other dtype is refused by the missing key.
     return {np.dtype(np.float32): single, np.dtype(np.float64): double}[np.dtype(dtype)]
 
 
@@ -123,6 +124,7 @@ def lead(
         max_level_steps: Evaluations on each level.
         stride: One point in so many is used, because these levels only lead to the basin.
     """
+    # The last level belongs to `settle`, which uses all points.
     first, stop = levels or (0, scales.shape[0] - 1)
     stages = [Stage(k, _COARSE_STEP, max_level_steps) for k in range(first, stop)]
     # A solution does not depend on the way to it: nothing here is differentiated.
@@ -187,6 +189,7 @@ def no_worse(
         same_pose: Poses whose entries differ by less than this [last robust scale in metres] are one.
     """
     level = Level(scales[-1], jnp.asarray(scales.shape[0] - 1, jnp.int32))
+    # Both costs are of all points at one scale: those on the way are of fewer points, or of wider scales.
     before, after = problem.cost(start, level), problem.cost(found, level)
     is_better = after < before
     # Rounding decides between poses this near: both are the solution.
@@ -217,6 +220,8 @@ class _End(NamedTuple):
 
 
 def _descend(args: _Args, stages: tuple[Stage, ...]) -> _End:
+    # Units of the chart are of one robust scale, so that tolerances of steps are shares of it, whatever the
+    # maps' sizes are.
     units = args.chart.units
     solver = AnnealedLevenbergMarquardt(
         rtol=precision_of(units.dtype).cost,

@@ -97,10 +97,12 @@ def _shaken(
     """Rows with the surfaces of both maps off by the errors of their patches, each in the frame of its map."""
     placed = term.placed(T_a_b, jnp.zeros(3, T_a_b.dtype))
     rotation = T_a_b[:3, :3]
+    # The first errors are of map a, the second of map b; whose points they are depends on the way.
     own, other = (errors[0], errors[1]) if term.is_inverse else (errors[1], errors[0])
     turn = rotation.T if term.is_inverse else rotation
     mine = own[_patches(list(term.points().T), patch, len(own))] @ turn.T
     theirs = other[_patches(placed.points, patch, len(other))]
+    # A surface that is off by an error is met as if the point were off by as much the other way.
     points = [column + mine[:, i] - theirs[:, i] for i, column in enumerate(placed.points)]
     return robust_rows(term.offsets(points, level), term.weights(), term.loss)
 
@@ -112,4 +114,5 @@ def _patches(points: Columns, patch: Array, num_patches: int) -> Int32[Array, "n
     for column, prime in zip(points, primes, strict=True):
         cube = jnp.floor(jax.lax.stop_gradient(column) / patch).astype(jnp.int32)
         mixed = mixed ^ (cube * np.int32(prime))
+    # With a power of two the low bits are the remainder, also of products that have wrapped below 0.
     return mixed & (num_patches - 1)

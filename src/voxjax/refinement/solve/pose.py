@@ -68,6 +68,7 @@ def find_basin(
     """
     problem, start, scales = jax.lax.stop_gradient((problem, jnp.asarray(T_a_b), scales))
     first, stop = levels or (0, scales.shape[0] - 1)
+    # A single level leaves nothing to lead along: the start is where the last level begins.
     if first >= stop:
         return start, jnp.zeros((), jnp.int32)
     # Steps are of order one on the finest of these levels.

@@ -119,6 +119,8 @@ class AnnealedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     ) -> _State:
         """Nothing is known: the first candidate is the start itself."""
         del fn, options, f_struct, aux_struct, tags
+        # Numbers of the state have the dtype of the unknowns: a loop's state may not change it from step to
+        # step.
         zero = jnp.zeros((), y.dtype)
         return _State(
             candidate=y,
@@ -153,6 +155,8 @@ class AnnealedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         found = self.equations(state.candidate, state.met, args, level)
         # The first evaluation of a stage is fresh: no step can be compared with what was known before.
         is_better, is_fresh = found.cost < before, jnp.isinf(before)
+        # Everything is selected instead of branched on: under `vmap` starts are in different stages at the same
+        # step.
         y = jnp.where(is_better, state.candidate, y)
         best = jax.tree.map(lambda new, old: jnp.where(is_better, new, old), found, state.equations)
         stretch = jnp.where(is_better & ~is_fresh, self._stretch(state, before - found.cost), 1.0)
@@ -162,6 +166,8 @@ class AnnealedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         damping = state.damping * jnp.where(is_better & ~is_fresh, self.less, 1.0)
         damping = jnp.where(is_too_long, jnp.maximum(state.damping * self.more, self.least_more), damping)
 
+        # The step starts from the best point, whether the candidate became that or not; only the damping
+        # differs then.
         move = best.step(damping)
         fall = best.fall(move)
         # A small step that failed met other matches than it was made for.
@@ -183,6 +189,8 @@ class AnnealedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
                 candidate=candidate,
                 place=place,
                 met=met,
+                # Costs of different scales do not compare: infinity makes the first evaluation of the next
+                # stage count as better.
                 equations=best._replace(cost=jnp.where(to_next, jnp.inf, best.cost)),
                 damping=jnp.where(to_next, self.first_damping, damping),
                 stretch=stretch,
@@ -190,6 +198,7 @@ class AnnealedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
                 stage=following,
                 steps_left=jnp.where(to_next, self._of_stages("max_steps", following), state.steps_left - 1),
                 is_done=is_over & is_last,
+                # The last step overwrites what stages before said, so that this is of the last stage alone.
                 is_converged=has_converged,
             ),
             None,
@@ -244,6 +253,8 @@ class AnnealedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
 
     def _stretch(self, state: _State, fallen: Float[Array, ""]) -> Float[Array, ""]:
         """The length that would have been best for the last step, from what it brought."""
+        # The equations let a Gauss-Newton step fall by half of what its slope alone would take off: twice the
+        # fall is that slope.
         promised = 2.0 * jnp.maximum(state.fall, jnp.finfo(fallen.dtype).tiny)
         # A parabola through the cost before, its slope and the cost after the step: its lowest point is at 1 / bend.
         bend = 2.0 * (state.stretch - fallen / promised) / state.stretch**2

@@ -191,7 +191,7 @@ def _rank_poses(
     explained = _in_groups(explain, poses)[:, :count]
     places = _count_places(explained, matches)
     order = np.argsort(-places, kind="stable")
-    # Three separate places fix a pose; matches at fewer may all lie on one line.
+    # Matches at fewer than three separate places fix no pose.
     order = order[places[order] >= 3]
     return poses[order], places[order]
 
