@@ -81,6 +81,7 @@ def __getattr__(name: str) -> object:
     if name not in _HOME:
         raise AttributeError(f"module 'voxjax' has no attribute {name!r}")
     value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    # The next access finds the name in the module itself and does not come here.
     globals()[name] = value
     return value
 

@@ -66,6 +66,7 @@ class VoxelGrid(eqx.Module):
             raise InputError(
                 f"log_odds must have the shape of states {self.states.shape}, got {self.log_odds.shape}."
             )
+        # Values come after shapes: they take a pass over the whole map.
         check_states(self.states)
         check_origin(self.origin, self.states.shape, self.voxel_size)
         if self.log_odds is not None:
@@ -174,6 +175,8 @@ class VoxelGrid(eqx.Module):
             InputError: If a point is not finite, or more than 2**31 voxels away.
         """
         offset = (np.asarray(points, np.float64) - np.asarray(self.origin, np.float64)) / self.voxel_size
+        # A cast of larger numbers to int32 would give some other voxel in silence; NaN fails the comparison,
+        # too.
         if not (np.abs(offset) < 2.0**31).all():
             raise InputError(
                 f"points must be finite and within 2**31 voxels of the origin, got {shown(np.asarray(points))}."
@@ -196,6 +199,7 @@ class VoxelGrid(eqx.Module):
             lows.append(max(int(hit[0]) - margin, 0) if hit.size else 0)
             highs.append(min(int(hit[-1]) + 1 + margin, self.shape[axis]) if hit.size else 1)
         window = tuple(slice(low, high) for low, high in zip(lows, highs, strict=True))
+        # The sum is one of float64 and is rounded once, so that a cut lies where the map's own voxels do.
         origin = np.asarray(self.origin, np.float64) + np.asarray(lows, np.float64) * self.voxel_size
         log_odds = None if self.log_odds is None else np.asarray(self.log_odds)[window]
         return VoxelGrid(

@@ -11,6 +11,7 @@ from .streams import tell
 def run(args: argparse.Namespace) -> int:
     """Convert a map and return the exit code."""
     check_outputs([(args.output, ENDINGS)], force=args.force, inputs=[args.input])
+    # The names were checked before: reading takes long, and a refusal afterwards would waste it.
     grid = read_map(args.input, voxel_size=args.voxel_size)
     write_files({args.output: encode_map(args.output, grid)}, force=args.force)
     tell(f"{args.output}: {grid!r}")

@@ -29,6 +29,7 @@ def run(args: argparse.Namespace) -> int:
 
 def corners_csv(corners: Corners) -> str:
     """A table with a corner a line: position [m], three unit normals into free space, "observed" or "virtual"."""
+    # Rows beyond the found corners are padding, which no table must show.
     mask = np.asarray(corners.mask)
     rows = zip(
         np.asarray(corners.position)[mask],
@@ -38,6 +39,7 @@ def corners_csv(corners: Corners) -> str:
     )
     lines = ["x,y,z," + ",".join(f"n{row}{axis}" for row in (1, 2, 3) for axis in "xyz") + ",kind"]
     for position, normals, is_observed in rows:
+        # Places are written to a tenth of a millimetre, far below a voxel.
         numbers = [f"{value:.4f}" for value in position] + [f"{value:.5f}" for value in normals]
         lines.append(",".join([*numbers, "observed" if is_observed else "virtual"]))
     return "\n".join(lines) + "\n"

@@ -47,11 +47,13 @@ def run(args: argparse.Namespace) -> int:
     grids = [decode_bt(data) for data in files.values()]
     merged = merge(grids, on_stage=progress)
     progress("draw and write")
+    # All files are written at once, after the merge: an interrupted demo leaves none behind.
     contents = files | _results(folder, names, grids, merged)
     write_files(contents, force=args.force)
     progress.finish()
     for line in summary(merged, names):
         tell(line)
+    # Poses have no absolute frame: the first map is taken as right, and only the others can be wrong.
     errors = pose_errors(team, merged.poses)
     for name, error in zip(names[1:], errors, strict=True):
         found = "not merged" if error is None else f"{error.metres:.3f} m and {error.degrees:.2f} deg"
@@ -94,6 +96,7 @@ def pose_errors(team: Team, poses: Sequence[np.ndarray | None]) -> list[PoseErro
         if first is None or other is None or truth is None:
             errors.append(None)
         else:
+            # The product is one of float64: far from the origin, float32 would round away what is compared.
             found = rigid.inverse(np.asarray(first, np.float64)) @ np.asarray(other, np.float64)
             # An error of the angle moves far points more, so the centroid is where position is compared.
             centre = team.grids[number].occupied_points().mean(axis=0, dtype=np.float64)

@@ -28,6 +28,7 @@ def parse_guess(text: str) -> Float32[np.ndarray, "4 4"]:
             content = read_bytes(text, most=1 << 20).decode("utf-8", errors="replace")
         except InputError as error:
             raise InputError(f"--init-guess {shown(text)} is no file ({error}); give {forms}.") from error
+        # Files of trajectories may hold lines of comment.
         lines = (line.partition("#")[0] for line in content.splitlines())
         numbers = _numbers(" ".join(lines))
         if numbers is None:
@@ -39,6 +40,7 @@ def parse_guess(text: str) -> Float32[np.ndarray, "4 4"]:
     if len(numbers) in (12, 16):
         rows = np.asarray(numbers + ([0.0, 0.0, 0.0, 1.0] if len(numbers) == 12 else [])).reshape(4, 4)
         return check_pose("--init-guess", rows)
+    # Of eight numbers the first is the time, so both forms are counted from the end.
     if len(numbers) in (7, 8):
         return check_pose("--init-guess", _pose_of_quaternion(numbers[-7:-4], numbers[-4:]))
     raise InputError(f"--init-guess has {len(numbers)} numbers; give {forms}.")
@@ -55,6 +57,7 @@ def _numbers(text: str) -> list[float] | None:
 def _pose_of_quaternion(translation: list[float], quaternion: list[float]) -> np.ndarray:
     """Pose (4, 4) of a translation [m] and a quaternion in the order x, y, z, w of any length above 1e-6."""
     length = math.hypot(*quaternion)
+    # Quaternions need not have length 1 to the last digit, but one of about 0 has no direction.
     if not 1e-6 <= length < math.inf:
         raise InputError(
             f"--init-guess has a quaternion of length {length:.3g}; give qx qy qz qw of length 1."

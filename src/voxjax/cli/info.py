@@ -34,6 +34,7 @@ def map_facts(grid: VoxelGrid) -> dict:
         "low": [round(float(value), 4) for value in low],
         "high": [round(float(value), 4) for value in high],
         "counts": counts,
+        # A map may have no voxel at all, and then has no share of anything.
         "shares": {name: count / max(total, 1) for name, count in counts.items()},
         "log_odds": grid.log_odds is not None,
         "memory_bytes": grid.states.nbytes + (0 if grid.log_odds is None else grid.log_odds.nbytes),

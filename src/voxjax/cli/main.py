@@ -27,12 +27,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         0 done, 1 fault of voxjax, 2 unusable input or arguments, 3 nothing trustworthy to write; 128 and the number
         of the signal that stopped it.
     """
+    # Whoever calls `main` with arguments has signals and descriptors of their own, which stay as they are.
     is_own_process = argv is None
     if is_own_process:
         leave_on_interrupt()
         open_closed_descriptors()
     with lasting_streams() as output, warnings_as_sentences():
         code = _exit_code(argv, is_own_process=is_own_process)
+        # What is still buffered may fail to be written, and must do so before the exit code is decided.
         output.flush()
         # A reader that has gone has read enough, as in `voxjax info map.bt | head -1`.
         if code == 0 and output.failure is not None and not isinstance(output.failure, BrokenPipeError):
@@ -46,6 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _exit_code(argv: Sequence[str] | None, *, is_own_process: bool) -> int:
     """Parse the arguments and run the command."""
     try:
+        # Arguments come first and alone: help and mistakes are answered before NumPy or JAX is imported.
         args = parse(argv)
     except SystemExit as stop:  # --help, --version, or wrong arguments that have been explained
         return int(stop.code or 0)
@@ -56,6 +59,7 @@ def _exit_code(argv: Sequence[str] | None, *, is_own_process: bool) -> int:
             return command.run(args)
         with signals_raise():
             return command.run(args)
+    # The code is 128 and the number of SIGINT, which is what shells expect.
     except KeyboardInterrupt:
         warn("stopped.")
         return 130

@@ -46,6 +46,7 @@ def run(args: argparse.Namespace) -> int:
         config=config,
         on_stage=progress,
     )
+    # A part of the maps is written only on request: a map that lacks a robot's part looks like a whole one.
     is_written = merged.status == "merged" or (merged.status == "partial" and args.allow_partial)
     progress("write")
     # All contents exist before the first file does: a fault while drawing leaves nothing behind.
@@ -85,6 +86,7 @@ def refusal(merged: Merge, names: Sequence[str]) -> str:
     """Why not all maps were merged, in words without a full stop; the reasons of the pairs stand in `summary`."""
     left_out = [name for name, pose in zip(names, merged.poses, strict=True) if pose is None]
     closest = merged.closest
+    # With some maps merged, which were left out says more than why the closest pair of all failed.
     if merged.status == "partial" or closest is None:
         return (
             f"{len(names) - len(left_out)} of {len(names)} maps fit together, left out: {', '.join(left_out)}"
@@ -120,6 +122,7 @@ def describe_pose(pose: np.ndarray) -> str:
     """A pose as translation [m] and roll, pitch, yaw [deg] (rotations about fixed x, then y, then z)."""
     # Near 90 degrees an arcsine of R[2, 0] would lose digits, which the arc tangent keeps.
     R = np.asarray(pose, np.float64)[:3, :3]
+    # The angles are those of R = Rz(yaw) Ry(pitch) Rx(roll), read from its first column and its last row.
     roll, yaw = np.arctan2(R[2, 1], R[2, 2]), np.arctan2(R[1, 0], R[0, 0])
     pitch = np.arctan2(-R[2, 0], np.hypot(R[2, 1], R[2, 2]))
     x, y, z = pose[:3, 3]
@@ -143,6 +146,7 @@ def _check(args: argparse.Namespace) -> None:
         (args.html, (".html", ".htm")),
     ]
     check_outputs(outputs, force=args.force, inputs=[*args.maps, args.config, args.init_guess])
+    # A missing package is said now, not after the merge.
     if args.html is not None:
         check_page_support()
 

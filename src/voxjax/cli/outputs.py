@@ -37,6 +37,7 @@ def check_outputs(
             raise InputError(f"{name}: the ending must be {' or '.join(endings)}.")
         if any(_is_same_file(name, source) for source in inputs if source is not None):
             raise InputError(f"{name} is one of the inputs, which are never replaced; use another name.")
+        # Inputs are looked at first, because --force would let this pass.
         check_writable(name, force=force, advice=advice)
         # Two names may lead to one place, as a.bt and ./a.bt do.
         try:

@@ -57,6 +57,8 @@ def signals_raise() -> Iterator[None]:
         nonlocal is_stopped
         is_stopped = True
         # Python complains about a signal that is pending when it becomes ignored, but not about an idle handler.
+        # All of them are replaced, not only the one that came: one of another kind would cut the cleaning up
+        # short.
         for each in before:
             signal.signal(each, _do_nothing)
         raise KeyboardInterrupt if number == signal.SIGINT else Stopped(number)
@@ -81,6 +83,7 @@ def garbage_collection_put_off(*, for_good: bool) -> Iterator[None]:
     Args:
         for_good: Whether later searches leave out what was imported, as where it stays until the process ends.
     """
+    # The caller's choice is put back as it was, also where they had switched the search off.
     was_enabled = gc.isenabled()
     gc.disable()
     try:

@@ -24,6 +24,7 @@ class Progress:
 
     def __call__(self, stage: str, *_: object) -> None:
         """A stage begins, and with it the one before ends."""
+        # The stages come one by one, so that the beginning of one is the end of the one before.
         self.finish()
         self._stage, self._start = stage, time.perf_counter()
         if self._is_terminal:
@@ -35,6 +36,7 @@ class Progress:
             return
         seconds = time.perf_counter() - self._start
         self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + seconds
+        # What is cleared is the line of the running stage, which this one replaces.
         self._write(f"{self._clear}{seconds:8.1f} s  {self._stage}\n")
         self._stage = None
 

@@ -69,6 +69,7 @@ def _mended() -> Iterator[list[Path]]:
         unreadable, unwritten = unreadable_entry.match(str(message)), unwritten_entry.match(str(message))
         if unreadable:
             for folder in folders:
+                # The name is escaped, because a kernel's name may hold what a pattern means otherwise.
                 for entry in folder.glob(f"{escape(unreadable[1])}-*"):
                     entry.unlink(missing_ok=True)
         elif unwritten:
@@ -81,6 +82,7 @@ def _mended() -> Iterator[list[Path]]:
             show(message, category, filename, lineno, *rest)  # pyright: ignore[reportArgumentType]
 
     with warnings.catch_warnings():
+        # Python shows a warning once for each place; each of these names another entry.
         warnings.filterwarnings("always", message="Error (reading|writing) persistent compilation cache")
         warnings.filterwarnings("always", category=KeptProgramWarning)
         warnings.showwarning = act

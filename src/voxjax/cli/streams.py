@@ -26,6 +26,7 @@ class LastingStream:
 
     def write(self, text: str) -> int:
         """Write the text, with an escape for each letter that the stream cannot encode."""
+        # After the first failure nothing is tried again: the reader that has gone does not come back.
         if self._stream is None or self.failure is not None:
             return len(text)
         encoding = getattr(self._stream, "encoding", None) or "utf-8"
@@ -70,6 +71,7 @@ def lasting_streams() -> Iterator[LastingStream]:
         try:
             yield output
         finally:
+            # Python itself flushes its streams at the end, where a failure could no longer be handled.
             output.flush()
             errors.flush()
 

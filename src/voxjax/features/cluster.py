@@ -37,6 +37,7 @@ def _take_best_first(near, quality: np.ndarray) -> tuple[np.ndarray, np.ndarray]
         if cluster[best] < 0:
             taken = np.asarray(near[best], np.int64)
             cluster[taken[cluster[taken] < 0]] = len(chosen)
+            # A corner always takes itself, also where lists of neighbours leave it out.
             cluster[best] = len(chosen)
             chosen.append(best)
     return cluster, np.asarray(chosen, np.int32)

@@ -97,11 +97,14 @@ def corners_of_planes(
     triples = intersect_planes(plane_map, reach=reach, min_triple_product=min_triple_product)
     normals = np.asarray(plane_map.planes.normal)[triples.planes]
     covariance = corner_covariance(plane_map, triples)
+    # Only where all three faces reach the point can it be observed; the others may be virtual corners.
     near = np.flatnonzero((triples.distance <= beside).all(axis=1))
     seen = observe_corners(grid, triples.position[near], normals[near])
     observed = _observed(grid, plane_map, triples, covariance, near, seen)
     if not virtual:
         return _padded(observed)
+    # Virtual corners are cut to the strongest, but all of them are counted: `num_found` tells what was left
+    # out.
     hidden = _virtual(grid, plane_map, triples, covariance, normals, virtual_reach, observed)
     num_hidden = len(hidden.position)
     parts = [getattr(observed, f) for f in _FIELDS], [getattr(hidden, f)[:max_virtual] for f in _FIELDS]
@@ -115,6 +118,7 @@ _FIELDS = ("position", "normals", "weight", "convexity", "mask", "is_observed", 
 def _weights(plane_map: PlaneMap, triples: PlaneTriples, reach: float) -> np.ndarray:
     """How well supported: the weakest plane's width [m], less when it ends far away or the angles are flat."""
     area = np.asarray(plane_map.planes.num_voxels, np.float64)[triples.planes] * plane_map.voxel_size**2
+    # A plane is extrapolated to the corner from its nearest support, and errs the more the farther that is.
     near = np.exp(-triples.distance / reach)
     return np.abs(triples.triple_product) * (np.sqrt(area) * near).min(axis=1, initial=np.inf)
 

@@ -54,6 +54,7 @@ def observe_corners(
     Returns:
         `FoundCorners`; a point can hold several (four rooms that meet) or none.
     """
+    # Places become voxels whose centres have whole coordinates; float64 lasts until the origin is taken off.
     local = (position - np.asarray(grid.origin, np.float64)) / grid.voxel_size - 0.5
     faces = corner_faces(
         np.asarray(grid.states), local.astype(np.float32), normals.astype(np.float32), last=reach
@@ -88,6 +89,7 @@ def _decode(faces: _Shares, normals: np.ndarray, min_seen: float, max_beyond: fl
 
 def _concave(faces: _Shares, octant: int, min_seen: float) -> Part:
     """The corner of a room: a free octant with its three faces."""
+    # A corner counts as seen as much as that of its faces which was seen least.
     coverage = faces.seen[:, octant].min(axis=1)
     is_there = (coverage >= min_seen) & (faces.free[:, octant] >= 0.5)
     return is_there, coverage, OCTANT_SIGNS[octant], 0, 0

@@ -74,11 +74,14 @@ def paper_corners(
         support,
         labels,
         max_distance=plane_distance_tolerance * voxel,
+        # Planes count that have a voxel within about a window of the corner: the paper says only that they are
+        # the nearest.
         support_radius=float(size) * voxel,
     )
     kept, rows = initial[keep], rows[keep]
     # The paper does not say which corner of a cluster stays; here the one nearest to its three planes does.
     _, chosen = cluster_corners(kept, -worst[keep], radius=cluster_radius * voxel)
+    # A corner is as strong as the smallest of its planes.
     count = np.asarray(planes.num_voxels)[rows[chosen]].min(axis=1, initial=2**31 - 1)
     order = np.argsort(-count, kind="stable")
     chosen, count = chosen[order], count[order]

@@ -37,9 +37,12 @@ def corner_covariance(plane_map: PlaneMap, triples: PlaneTriples) -> Float32[np.
     width = spread[:, 1:] + 1.0 / 12.0
     rows = triples.planes
     away = triples.position[:, None, :] / voxel - support.centroid[rows]
+    # What a tilt is off by grows with the distance from the middle, in widths of the support, as for a
+    # regression line.
     leverage = np.einsum("mki,mkij->mkj", away, axes[rows][..., 1:]) ** 2 / width[rows]
     noise = (support.rms**2 + 1.0 / 12.0)[rows] / samples[rows] * (1.0 + leverage.sum(axis=-1))
     variance = noise + systematic**2
+    # Triples with flat angles were left out before, so that the normals have an inverse.
     inverse = np.linalg.inv(np.asarray(plane_map.planes.normal, np.float64)[rows])
     covariance = np.einsum("mik,mk,mjk->mij", inverse, variance, inverse)
     return (covariance * voxel**2).astype(np.float32)

@@ -73,6 +73,8 @@ def fuse_log_odds(
     zero = jnp.zeros((), log_odds.dtype)
     total = jnp.sum(jnp.where(is_known, log_odds, zero), axis=0, dtype=log_odds.dtype)
     limits = (jnp.asarray(limit, log_odds.dtype) for limit in (LOG_ODDS_FREE, LOG_ODDS_OCCUPIED))
+    # The limits keep evidence that can still be outvoted: without them, a sum over many maps could hardly
+    # change any more.
     total = jnp.clip(total, *limits)
     known_state = jnp.where(total >= zero, OCCUPIED, FREE)
     return jnp.where(jnp.any(is_known, axis=0), known_state, UNKNOWN), total

@@ -70,6 +70,7 @@ def fuse_soft(
         total = total.at[window].add(resampled)
         nearest = resample_nearest(jnp.asarray(grid.states), affine, target_shape=shape)
         is_known = is_known.at[window].set(is_known[window] | (nearest != UNKNOWN))
+    # States have no derivative, so they may follow the nearest voxel while the sum is interpolated.
     known_state = jnp.where(total >= jnp.zeros((), dtype), OCCUPIED, FREE)
     return jnp.where(is_known, known_state, UNKNOWN), total
 

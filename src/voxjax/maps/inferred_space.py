@@ -40,6 +40,7 @@ def infer_free_space(
     blocks = wide.reshape(cells[0], cell, cells[1], cell, cells[2], cell)
     occupied = np.asarray(blocks.any(axis=(1, 3, 5)))
     enclosed = enclosing_directions(occupied, reach=reach / (cell * grid.voxel_size)) >= min_directions
+    # Cells go back to voxels by repetition; what stands over the rim of the map is cut off.
     for axis in range(3):
         enclosed = np.repeat(enclosed, cell, axis=axis)
     enclosed = enclosed[tuple(slice(0, n) for n in states.shape)]

@@ -158,6 +158,7 @@ def sample_rows(prepared: PreparedMap, count: int) -> np.ndarray:
 def draw_rows(weights: np.ndarray, count: int) -> np.ndarray:
     """`count` rows drawn evenly along the cumulated weights (n,), so that the same weights give the same rows."""
     cumulated = np.cumsum(weights, dtype=np.float64)
+    # The middles of equal steps are taken, so that a row comes as often as its weight says, without chance.
     at = (np.arange(count) + 0.5) / count * cumulated[-1]
     return np.minimum(np.searchsorted(cumulated, at), len(weights) - 1)
 

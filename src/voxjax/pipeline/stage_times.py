@@ -32,7 +32,7 @@ class Stages:
     @contextmanager
     def measure(self, name: str) -> Iterator[None]:
         """Keep the seconds of the block under a name, without a word."""
-        # A monotonic clock: the time of day may be set while a stage runs.
+        # The clock is a monotonic one: the time of day may be set while a stage runs.
         start = time.perf_counter()
         yield
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start

@@ -124,7 +124,7 @@ def _fit(points, label, toward, scale, *, capacity: int, num_rounds: int):
     def reweighted(plane: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], None]:
         normal, depth = plane
         distance = jnp.abs(jnp.sum(local * normal[row], axis=1, dtype=jnp.float32) - depth[row])
-        # Huber's weight: 1 within the scale, and beyond it so much less that a point pulls linearly.
+        # Huber's weight is 1 within the scale, and beyond it so much less that a point pulls linearly.
         weight = jnp.minimum(1.0, scale / jnp.maximum(distance, 1e-12))
         mass = total(weight)
         mean = total(weight[:, None] * local) / jnp.maximum(mass, 1e-12)[:, None]

@@ -55,8 +55,7 @@ def find_surface(grid: VoxelGrid, *, size: int = 7, reach: int = 3, min_neighbou
     # element.
     is_unseen = is_solid & ~is_front & ~is_back
     is_signed_by_mean = is_unseen & has_free
-    # Row of each voxel's front and back element in the list that is returned: all front ones first, then all
-    # back ones.
+    # These are the rows of each voxel's front and back element in the result, which has all front ones first.
     node = np.full((2, len(index)), -1, np.int32)
     front = is_front | is_unseen
     node[0, front] = np.arange(np.count_nonzero(front))

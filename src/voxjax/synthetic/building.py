@@ -59,6 +59,8 @@ def make_building(
     """
     rng = np.random.default_rng(seed)
     width = float(rng.uniform(15.0, 25.0)) if width is None else width
+    # The order of draws is part of what a seed means: another order would give other buildings for the same
+    # seed.
     depths = list(rng.uniform(4.0, 6.0, num_rows))
     rooms = [list(rng.uniform(0.75, 1.3, max(round(width / rng.uniform(4.2, 6.0)), 1))) for _ in depths]
     corridor_row = None
@@ -133,6 +135,7 @@ def close_doors(building: Building, rooms: list[int], rng: np.random.Generator, 
     """
     panels = []
     for door in building.plan.doors:
+        # A door between rooms of the robot takes no draw, because it stays open whatever chance says.
         if set(door.rooms) <= set(rooms) or rng.random() >= share:
             continue
         along = float(np.arctan2(-door.normal[0], door.normal[1]))
@@ -176,6 +179,7 @@ def _wall_parts(wall: Wall, height: float) -> list[tuple[np.ndarray, float, floa
     parts = []
 
     def add(start: float, end: float, bottom: float, top: float) -> None:
+        # A door has no sill, and openings may touch: prisms without volume are left out.
         if end - start > 1e-6 and top - bottom > 1e-6:
             centre = wall.start + 0.5 * (start + end) * u
             parts.append((rectangle(centre, end - start, WALL_THICKNESS, yaw), bottom, top, "wall"))

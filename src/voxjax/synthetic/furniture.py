@@ -68,6 +68,7 @@ def _draw_piece(rng: np.random.Generator, polygon: np.ndarray, height: float) ->
     )
     if kind in ("cabinet", "shelf", "bed"):
         return [_along_wall(rng, polygon, str(kind))]
+    # A weighted mean of the corners lies inside of any convex room, whatever its angles are.
     weights = rng.dirichlet(np.ones(4))
     centre, edge = weights @ polygon, polygon[1] - polygon[0]
     yaw = float(np.arctan2(edge[1], edge[0])) + (rng.uniform(-0.8, 0.8) if rng.random() < 0.3 else 0.0)
@@ -123,6 +124,7 @@ def _fits(piece: list[Item], polygon: np.ndarray, plan: Plan, others: list[list[
         return False
     if any(np.linalg.norm(window[:2] - centre) < radius + window[2] + 0.1 for window in plan.windows):
         return False
+    # Circles instead of rectangles are strict enough, and the factor lets long pieces stand side by side.
     circles = [_circle(other[0].footprint) for other in others]
     return all(np.linalg.norm(c - centre) > 0.85 * (r + radius) + 0.15 for c, r in circles)
 

@@ -132,6 +132,7 @@ def make_plan(
     for row, widths in enumerate(room_widths):
         places = np.concatenate([[0.0], np.cumsum(widths)]) * width / np.sum(widths)
         lean = np.full(len(places), shear)
+        # The first and the last wall of each row lean alike, so that the building's two ends are straight.
         lean[1:-1] += 0.3 * skew * rng.uniform(-1.0, 1.0, len(places) - 2)
         middle = 0.5 * (edges[row] + edges[row + 1])
         rows.append(
@@ -221,6 +222,7 @@ class _PlanBuilder:
         candidates = self._candidates()
         order = self.rng.permutation(len(candidates))
         if self.corridor_row is not None:
+            # The sort is stable: doors to the corridor come first, and chance orders the rest as before.
             order = sorted(order, key=lambda i: not any(self.rooms[r].is_corridor for r in candidates[i][:2]))
         group = list(range(len(self.rooms)))
         doors = []
@@ -233,6 +235,7 @@ class _PlanBuilder:
             door = self._cut_door(a, b, wall, low, high)
             if door is not None:
                 doors.append(door)
+                # Two groups of rooms are one from now on, as in Kruskal's algorithm.
                 group = [group[a] if g == group[b] else g for g in group]
         return doors
 
@@ -282,6 +285,7 @@ class _PlanBuilder:
         low, high = (ends - wall.start) @ wall.along
         width = min(float(self.rng.uniform(0.8, 1.8)), high - low - 2 * _CORNER_CLEARANCE)
         start = low + _CORNER_CLEARANCE + self.rng.random() * (high - low - 2 * _CORNER_CLEARANCE - width)
+        # All draws are made before this, so that a window that is refused does not shift what comes after it.
         if width <= 0.5 or wall.is_open_near(start, width):
             return []
         wall.openings.append(Opening(float(start), width, 0.9, 2.1))

@@ -83,6 +83,7 @@ def take_scan(rng: np.random.Generator, building: Building, T_world_sensor: np.n
     shots = lidar.directions()
     solids = join_prisms(building.solids, _draw_people(rng, T_world_sensor[:3, 3], lidar.people))
     ranges = measure_ranges(solids, T_world_sensor[:3, 3], shots @ T_world_sensor[:3, :3].T)
+    # Beyond the longest range there is no echo, whether something stands there or not.
     is_echo = ranges <= lidar.max_range
     # Noise and losses are drawn for all shots, so that the number of draws does not depend on what is seen.
     noisy = ranges + rng.normal(0.0, lidar.range_noise, len(ranges))

@@ -41,6 +41,7 @@ def build_map(scans: list[Scan], poses: np.ndarray, *, voxel_size: float) -> Vox
     for r in rays:
         window = tuple(slice(a, a + n) for a, n in zip(r.low - low, r.shape, strict=True))
         _integrate(log_odds[window], is_known[window], r, capacity)
+    # Log-odds of 0 do not say whether a voxel was touched, so that what is known is kept beside them.
     states = np.where(is_known, np.where(log_odds > 0, OCCUPIED, FREE), UNKNOWN).astype(np.uint8)
     return VoxelGrid(states, (low * voxel_size).astype(np.float32), voxel_size, log_odds).crop_to_known()
 
@@ -53,6 +54,7 @@ def _integrate(log_odds: np.ndarray, is_known: np.ndarray, rays: _Rays, capacity
     starts = np.broadcast_to(rays.start, rays.ends.shape) - rays.low
     is_missed = crossed_voxels(starts, rays.ends - rays.low, rays.shape, capacity=capacity).copy()
     hits = tuple(np.floor(rays.ends[: rays.num_hits] - rays.low).astype(np.int64).T)
+    # Voxels that are hit are among those that rays cross, so that this marks them as well.
     is_known |= is_missed
     # A voxel that one ray of the scan hits and another crosses counts as hit, as in OctoMap: surfaces seen at a
     # grazing angle would vanish otherwise.

@@ -45,5 +45,6 @@ def _shows_faces(offsets: np.ndarray, normals: np.ndarray, voxel_size: float) ->
     fewest_voxels = 3
     distance = np.abs(offsets @ normals.T)
     is_near = distance < voxel_size
+    # A voxel near two planes lies on their edge, and shows neither face.
     alone = is_near & (is_near.sum(axis=1, keepdims=True) == 1)
     return bool((alone.sum(axis=0) >= fewest_voxels).all())

@@ -117,6 +117,7 @@ def cast_rays(
             time = gap / speed
             enter = jnp.where(speed < 0, jnp.maximum(enter, time), enter)
             leave = jnp.where(speed > 0, jnp.minimum(leave, time), leave)
+        # A solid behind the origin has a negative way in; so has one that holds the origin.
         is_met = exists & (enter < leave) & (enter > 0)
         return jnp.where(is_met, jnp.minimum(nearest, enter), nearest), None
 

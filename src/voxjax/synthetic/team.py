@@ -174,6 +174,7 @@ def draw_frame(rng: np.random.Generator, frame: Frame) -> np.ndarray:
     elif frame == "tilt":
         direction, angle = rng.uniform(-np.pi, np.pi), np.radians(rng.uniform(2.0, 8.0))
         lean = Rotation.from_rotvec(angle * np.asarray([np.cos(direction), np.sin(direction), 0.0]))
+        # The lean comes first and the yaw after it, so that the direction of the lean is turned as well.
         T[:3, :3] = (yaw * lean).as_matrix()
     else:
         T[:3, :3] = Rotation.random(rng=rng).as_matrix()

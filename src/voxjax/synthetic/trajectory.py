@@ -71,6 +71,7 @@ def walk_rooms(
     corners = np.asarray(_visit(rng, building, rooms))
     lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(lengths)])
+    # Poses are set by length along the way, so that they are as dense in long legs as in short ones.
     places = np.arange(0.0, along[-1], step)
     way = np.stack([np.interp(places, along, corners[:, axis]) for axis in range(2)], axis=-1)
     ahead = np.stack([np.interp(places + 0.2, along, corners[:, axis]) for axis in range(2)], axis=-1) - way
@@ -137,6 +138,7 @@ def _visit(rng: np.random.Generator, building: Building, rooms: list[int]) -> li
             if other in left:
                 points.extend(_through(way, room))
                 enter(other)
+                # Nobody walks back from the last room, where nothing is left to see.
                 if left:
                     points.extend(_through(way, other))
 

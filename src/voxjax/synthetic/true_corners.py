@@ -64,6 +64,7 @@ def _item_corners(item: Item, height: float) -> list[tuple[np.ndarray, np.ndarra
     outward = make_prisms([(item.footprint, item.bottom, item.top, "furniture")]).side_normals[0]
     if item.is_at_wall:  # the wall's own face takes the place of the side that touches it
         outward = np.concatenate([-outward[:1], outward[1:]])
+    # A pillar reaches the ceiling, whose face looks down.
     top_sign = 1.0 if item.top < height else -1.0
     return [
         (np.asarray([*vertex, z]), np.stack([_flat(outward[i]), _flat(outward[i - 1]), up * _UP]))

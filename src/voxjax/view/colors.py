@@ -38,6 +38,7 @@ def height_share(height: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
 def color_by_height(height: Float[np.ndarray, " n"]) -> UInt8[np.ndarray, "n 3"]:
     """Colours that rise from blue through green to orange."""
     place = height_share(height) * (len(_HEIGHT_STOPS) - 1)
+    # The highest place belongs to the last interval, beyond whose end there is no stop.
     below = np.minimum(place.astype(np.int64), len(_HEIGHT_STOPS) - 2)
     share = (place - below)[:, None]
     return (_HEIGHT_STOPS[below] * (1.0 - share) + _HEIGHT_STOPS[below + 1] * share).astype(np.uint8)

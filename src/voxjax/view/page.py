@@ -49,6 +49,7 @@ def page_html(grids: Sequence[VoxelGrid], poses: Sequence[Array | None], fused: 
 
     is_occupied = np.asarray(fused.states) == OCCUPIED
     index = fused.occupied_index()
+    # From above, where the camera starts, a ceiling would hide all rooms.
     is_shown = index[:, 2] < ceiling_cut(is_occupied)
     points = fused.occupied_points()[is_shown]
     colors = share_colors(seen_by(grids, poses, fused))[is_shown]

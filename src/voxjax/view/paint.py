@@ -40,9 +40,12 @@ def paint_isometric(
     """
     if not len(index):
         return np.full((height, width, 3), BACKGROUND, np.uint8)
+    # Two axes run down to either side by half as much as across, and height runs up: whole steps, so that cubes
+    # tile.
     across, down = index[:, 1] - index[:, 0], index[:, 0] + index[:, 1] - 2 * index[:, 2]
     spans = (2.0 * (np.ptp(across) + 2), float(np.ptp(down) + 4))  # in half-edges of a voxel
     half, factor = _best_scale(spans, width, height)
+    # The sum of the coordinates grows toward the eye, which looks along their diagonal.
     order = np.argsort(index.sum(axis=1, dtype=np.int64), kind="stable")  # far to near
     # Places in the picture are counted in int64, for indices of voxels may be int32.
     pixel_x = (across[order].astype(np.int64) - across.min() + 1) * 2 * half
@@ -100,6 +103,7 @@ def paint_top(
     known = np.argwhere(has_wall if has_wall.any() else is_free.any(axis=2))
     if not len(known):
         return np.full((height, width, 3), BACKGROUND, np.uint8)
+    # Slices end at the border of the picture by themselves, but begin from its end below 0.
     low, high = np.maximum(known.min(axis=0) - border, 0), known.max(axis=0) + 1 + border
     picture = picture[low[0] : high[0], low[1] : high[1]].transpose(1, 0, 2)[::-1]
     zoom, factor = _best_scale((float(picture.shape[1]), float(picture.shape[0])), width, height)

@@ -103,6 +103,7 @@ def share_colors(is_seen: Bool[np.ndarray, "maps n"]) -> UInt8[np.ndarray, "n 3"
     colors = np.full((is_seen.shape[1], 3), (150, 150, 150), np.uint8)
     for number, row in enumerate(is_seen):
         colors[row] = map_color(number)
+    # What no map saw within a voxel stays grey.
     colors[is_seen.sum(axis=0, dtype=np.int32) > 1] = SHARED_COLOR
     return colors
 
@@ -220,6 +221,7 @@ def _is_near_occupied(grid: VoxelGrid, points: Float[np.ndarray, "n 3"]) -> Bool
     """Return whether the voxel of each point [m], or one of the 26 voxels around it, is occupied."""
     padded = np.pad(np.asarray(grid.states) == OCCUPIED, 2)  # the outermost layer catches what lies outside
     cells = np.floor((points - np.asarray(grid.origin, np.float64)) / grid.voxel_size)
+    # Far places would not fit an integer: they are clipped as floats, to the border, where nothing is occupied.
     cells = np.clip(cells + 2, 0, np.asarray(padded.shape) - 1).astype(np.int64)
     near = np.zeros(len(points), bool)
     for step in np.ndindex(3, 3, 3):

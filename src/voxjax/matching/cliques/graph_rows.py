@@ -39,7 +39,7 @@ def edges_of_rows(rows: np.ndarray) -> np.ndarray:
     key = node * rows.shape[1] * 64 + word * 64
     # One bit of every word a round; most words hold one or two.
     while len(bits):
-        # The negative of an unsigned number, written out; the bits below the lowest one are as many as its
+        # An unsigned number has its negative written out; the bits below the lowest one are as many as its
         # position.
         lowest = bits & (~bits + one)
         keys.append(key + np.bitwise_count(lowest - one))

@@ -59,7 +59,7 @@ def _surfaces(
     is_soft = any(surface.trust is not None for surface in surfaces)
     if is_soft:  # derivatives are as long
         num_rows = wide_bucket_size(sum(counts), least_rows)
-    # What is added to a map's own numbers: where its cells begin in the common keys, and its rows in the common
+    # These are added to a map's own numbers: where its cells begin in the common keys, and its rows in the
     # lists.
     first_cells, first_rows = _firsts(sizes), _firsts(counts)
 

@@ -44,7 +44,7 @@ def checked_residuals(residuals: Mapping[str, float] | None) -> dict[str, float]
     for kind, weight in residuals.items():
         if kind not in known:
             raise InputError(f"residuals must be among {', '.join(known)}, got {kind!r}.")
-        # Said as what must hold, because NaN compares false with everything.
+        # The rule says what must hold, because NaN compares false with everything.
         if not weight > 0:
             raise InputError(f"residuals must have positive weights, got {weight} for {kind!r}.")
     if not residuals:

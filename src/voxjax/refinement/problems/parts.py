@@ -145,7 +145,7 @@ def _said_points(view: MapView, num_points: int) -> tuple[Sample, Float[Array, "
         # Free space has no leverage to draw by; every so many of its voxels in the order of the grid are as good.
         chosen = free[(np.arange(count) * len(free)) // max(count, 1)]
         index = np.concatenate([index, np.stack(np.unravel_index(chosen, grid.shape), axis=-1)])
-    # Centres, not places on planes: opinions are of voxels.
+    # Opinions are of voxels, so that these are centres and not places on planes.
     points = grid.world_from_index(index).astype(dtype)
     if view.said is None:
         is_occupied = np.asarray(grid.states)[tuple(index.T)] == OCCUPIED

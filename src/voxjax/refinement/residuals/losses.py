@@ -51,5 +51,5 @@ def robust_slope(squared: Float[Array, "*n"], loss: Loss) -> Float[Array, "*n"]:
         return 1.0 / ((1.0 + squared) * (1.0 + squared))
     if loss == "cauchy":
         return 1.0 / (1.0 + squared)
-    # Huber's: quadratic within the scale, where the weight is 1; linear beyond.
+    # Huber's loss is quadratic within the scale, where the weight is 1, and linear beyond.
     return 1.0 / jnp.sqrt(jnp.maximum(squared, 1.0))
