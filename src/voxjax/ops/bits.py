@@ -17,6 +17,7 @@ SPREAD = 16
 """Bits in a word of `pack_spread`."""
 
 # Puts the lowest bits of four bytes next to each other into the top four bits; no two products meet, so no carries.
+# The factor's bits 28, 21, 14 and 7 move bits 0, 8, 16 and 24 to places 28 to 31.
 GATHER_BITS = np.uint32(0x10204080)
 
 
@@ -42,6 +43,7 @@ def pack_spread(bits: Bits, multiple: int = 1) -> UInt32[Array, "m"]:
         multiple: Words of zeros are appended up to a multiple of it.
     """
     bits = jnp.asarray(bits)
+    # Bytes are packed as they are: the comparison with 0 is done below, on four of them at once.
     is_bytes = bits.dtype == jnp.uint8
     if not is_bytes:
         bits = bits.astype(jnp.bool_)
@@ -54,5 +56,6 @@ def pack_spread(bits: Bits, multiple: int = 1) -> UInt32[Array, "m"]:
         # A byte that is not 0 carries into its highest bit; compared one by one, bytes take three times as long.
         fours = (((fours & np.uint32(0x7F7F7F7F)) + np.uint32(0x7F7F7F7F)) | fours) >> np.uint32(7)
         fours = fours & np.uint32(0x01010101)
+    # Whatever the product left below bit 28 is shifted out, and four nibbles in a byte each are one word again.
     nibbles = ((fours * GATHER_BITS) >> np.uint32(28)).astype(jnp.uint8)
     return jax.lax.bitcast_convert_type(nibbles.reshape(-1, 4), jnp.uint32)

@@ -79,6 +79,7 @@ def connected_components(
     if implementation == "scipy":
         rank = {6: 1, 18: 2, 26: 3}[connectivity]
         return labels, int(ndimage.label(host, ndimage.generate_binary_structure(3, rank), output=labels))  # pyright: ignore[reportArgumentType]
+    # `label_voxels` wants its voxels in C order, and numbers components by it: so the numbers become those of SciPy.
     flat = np.flatnonzero(host)
     index = np.stack(np.unravel_index(flat, host.shape), axis=1).astype(np.int32)
     size = bucket_size(len(flat), smallest_list)
@@ -89,6 +90,7 @@ def connected_components(
         flat_size=padded_size(host.shape),
         connectivity=connectivity,
     )
+    # Rows of padding come last, so that cutting the list off drops them.
     labels.reshape(-1)[flat] = np.asarray(regions.label)[: len(flat)]
     return labels, int(regions.num_regions)
 
@@ -161,6 +163,7 @@ def grow_regions(
         InputError: If the connectivity is unknown, or the list is empty or too long.
     """
     neighbours = _neighbours(index, mask, dims, flat_size=flat_size, connectivity=connectivity)
+    # Normals go by columns, because arrays whose last axis is 3 run slowly on a CPU (`evidence.lookup`).
     axes = jnp.asarray(normal).T
     least = jnp.asarray(min_cosine, axes.dtype)
 
@@ -170,7 +173,9 @@ def grow_regions(
             # A row past the list is joined to nothing, and must only be readable.
             other = jnp.minimum(row, index.shape[0] - 1)
             cosine = axes[0] * axes[0][other] + axes[1] * axes[1][other] + axes[2] * axes[2][other]
+            # Both ends of a pair compute the same cosine, so the table stays symmetric, as `_label` needs it.
             is_unlike = is_joined & ((cosine if is_signed else jnp.abs(cosine)) < least)
+            # Only a bit that is set is taken away, so subtracting it clears that bit and no other.
             column = column - jnp.where(is_unlike, np.int32(1 << k), 0)
         return column
 
@@ -213,12 +218,16 @@ def _neighbours(
     # Padding does not rise above the row before it; the first row is a voxel if any is.
     is_new = jnp.concatenate([jnp.any(mask, keepdims=True), place[1:] > place[:-1]])
     bit = jnp.where(is_new, jnp.uint32(1) << (place & 31).astype(jnp.uint32), np.uint32(0))
+    # JAX scatters no logical or; no bit comes twice, so that a sum sets each. One word is for the rest of the division
+    # by 32, and one more is read, though never set, beside the last.
     words = jnp.zeros((flat_size // 32 + 2,), jnp.uint32).at[place >> 5].add(bit)
     count = jax.lax.population_count(words).astype(jnp.int32)
+    # The words before a voxel's own hold so many listed ones; its row is that and the bits below its own.
     rank = jnp.cumsum(count, dtype=jnp.int32) - count
 
     def look(column: tuple[Array, Array]) -> Array:
         step, wanted = column
+        # A column of three begins at z - 1. Rows of padding look at the front of the block, and join nothing below.
         first = jnp.where(mask, place + step - 1, 0)
         word, shift = first >> 5, (first & 31).astype(jnp.uint32)
         low, high = words[word], words[word + 1]
@@ -239,6 +248,7 @@ def _rows_of(column: Array) -> list[tuple[Array, Array]]:
     row, rows = column >> 6, []
     for k in range(3):
         rows.append((row, ((column >> k) & 1) == 1))
+        # Voxels of one column follow each other in the list, so each one that is listed moves the row on by one.
         row = row + ((column >> (3 + k)) & 1)
     return rows
 
@@ -279,12 +289,15 @@ def _label(neighbours: Int32[Array, "k n"], mask: Bool[Array, "n"], rows_of: _Ro
             hooked = hooked[hooked]
         return hooked, jnp.any(hooked != parent), num_rounds + 1
 
+    # Each voxel begins as its own root. Pointers only ever fall, and not below the lowest row of the component: so the
+    # rounds come to an end, and they end there.
     start = jnp.concatenate([jnp.where(mask, own, num_rows), nothing])
     state = (start, jnp.asarray(True), jnp.zeros((), jnp.int32))
     root, _, num_rounds = jax.lax.while_loop(lambda state: state[1], take_round, state)
     # Roots are the first voxels of their components, so counting them in order numbers components as SciPy does.
     is_root = mask & (root[:-1] == own)
     number = jnp.cumsum(is_root, dtype=jnp.int32)
+    # Roots of rows that take no part lie past the numbers, and are looked up within them only to be masked.
     label = jnp.where(mask, number[jnp.minimum(root[:-1], num_rows - 1)], 0)
     return Regions(label, jnp.sum(is_root, dtype=jnp.int32), num_rounds)
 

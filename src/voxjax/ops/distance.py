@@ -79,6 +79,7 @@ def distance_field(
 @partial(jax.jit, static_argnames=("radius",))
 def _distance_field(occupied: Array, voxel_size: Array, *, radius: int) -> DistanceField:
     # Barriers: fused into one kernel, a pass would be computed again for every shift of the next one.
+    # A pass widens its keys no more than it must (8, 16, 32 bits), so that the first two move few bytes.
     along_z = jax.lax.optimization_barrier(_pass_z(occupied, radius))
     along_y = jax.lax.optimization_barrier(_pass_y(along_z, radius))
     keys = jax.lax.optimization_barrier(_pass_x(along_y, radius))
@@ -98,8 +99,11 @@ def _pass_z(occupied: Array, radius: int) -> UInt8[Array, "x y z"]:
             other = shifted(sign * step)
             # A key of 0 has no direction yet; any other keeps its own, which must be that of this step.
             way = np.uint8(sign > 0)
+            # Of two voxels at one distance, the one below has the smaller key, as C order wants it.
             is_same_way = (other == 0) | ((other & 1) == way)
             candidate = jnp.where(other == 0, longer + way, other + longer)
+            # Keys of distances stay below 32 and cannot wrap; what comes of adding to 255 is told by the
+            # 255, and not taken.
             best = jnp.minimum(best, jnp.where(is_same_way & (other < _NOTHING_8), candidate, _NOTHING_8))
         key, reached = best, reached + step
     return key
@@ -115,6 +119,7 @@ def _pass_y(key: Array, radius: int) -> UInt16[Array, "x y z"]:
         other = shifted(step)
         added = np.uint16((step * step) << 6 | (step + _MIDDLE) << 1)
         # Compared before the sum, which wraps round where nothing was near.
+        # The six low bits of a key are less than one step of its distance: this is `distance <= radius² - step²`.
         is_near = other < np.uint16((radius * radius - step * step + 1) << 6)
         best = jnp.minimum(best, jnp.where(is_near, other + added, _NOTHING_16))
     return best
@@ -128,6 +133,8 @@ def _pass_x(key: Array, radius: int) -> UInt32[Array, "x y z"]:
         other = shifted(step)
         # Widened after the shift: half the bytes to read.
         wide = (other >> 6).astype(jnp.uint32) << 11 | (other & 63).astype(jnp.uint32)
+        # Below the distance stand the steps along x, y and z, in this order: the least key is the first
+        # voxel in C order.
         added = np.uint32((step * step) << 11 | (step + _MIDDLE) << 6)
         is_near = other < np.uint16((radius * radius - step * step + 1) << 6)
         best = jnp.minimum(best, jnp.where(is_near, wide + added, _NOTHING_32))

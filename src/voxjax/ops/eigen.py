@@ -97,7 +97,10 @@ def _decompose_jvp(
     values, vectors = _decompose(entries, tolerance)
     xx, yy, zz, xy, xz, yz = tangents[0]
     change = jnp.stack([jnp.stack([xx, xy, xz]), jnp.stack([xy, yy, yz]), jnp.stack([xz, yz, zz])])
+    # In the basis of the vectors, the diagonal of the change moves the values. What is beside it turns one vector
+    # toward another, the more the closer their values lie.
     inner = jnp.einsum("ia...,ab...,jb...->ij...", vectors, change, vectors)
+    # A value has no gap to itself, so that the diagonal counts as tied and is no turn.
     gap = values[None, :] - values[:, None]
     scale = tolerance * jnp.maximum(jnp.abs(values[0]), jnp.abs(values[2]))
     is_apart = jnp.abs(gap) > scale[None, None]
@@ -116,6 +119,7 @@ def _decomposed(entries: Float[Array, "6 *n"]) -> tuple[Array, Array]:
     batch, flat = entries.shape[1:], entries.reshape(6, -1)
     length = flat.shape[1]
     if on_host() and length > piece:
+        # Matrices of zeros pad the last piece: the guards against matrices without scale and spread keep them finite.
         rows = jnp.pad(flat, ((0, 0), (0, -length % piece))).reshape(6, -1, piece)
         found = jax.lax.map(_closed_form, jnp.moveaxis(rows, 1, 0))
         found = [jnp.moveaxis(a, 0, -2).reshape(*a.shape[1:-1], -1)[..., :length] for a in found]
@@ -144,8 +148,11 @@ def _closed_form(entries: Float[Array, "6 n"]) -> tuple[Float[Array, "3 n"], Flo
     # twice the cosine of a third of the angle whose cosine is |half_det|, up to its sign, and a short polynomial in the
     # cosine of half that angle.
     is_high = half_det >= 0
+    # Rounding may take the cosine past 1, hence the clip; the root is that of the cosine of half the angle.
     lone = _two_cosines(jnp.sqrt((1 + jnp.clip(jnp.abs(half_det), 0, 1)) / 2))
     lone = jnp.where(is_high, lone, -lone)
+    # Less the value that stands apart the matrix has rank two, even where the other two values are equal: two of its
+    # rows span the plane that this vector is normal to.
     x, y, z = _null_column(xx - lone, yy - lone, zz - lone, xy, xz, yz)
     # Two vectors normal to it, without a branch (Duff et al., Building an orthonormal basis, revisited, 2017).
     sign = jnp.where(z >= 0, jnp.ones_like(z), -jnp.ones_like(z))
@@ -166,10 +173,13 @@ def _closed_form(entries: Float[Array, "6 n"]) -> tuple[Float[Array, "3 n"], Flo
     uu, vv, uv = form(u, u), form(v, v), form(u, v)
     middle, half = (uu + vv) / 2, (uu - vv) / 2
     radius = jnp.sqrt(half * half + uv * uv)
+    # Where the two values coincide, any basis of their plane will do, and the one at hand is kept.
     is_turned = radius > jnp.finfo(dtype).tiny
     # Half the angle of (half, uv), from its cosine and sine.
     cos = jnp.where(is_turned, jnp.sqrt((1 + jnp.abs(half) / jnp.where(is_turned, radius, 1)) / 2), 1)
+    # This cosine is at least the root of a half, so the sine is a quotient that nothing small divides.
     sin = uv / jnp.where(is_turned, 2 * radius * cos, 1)
+    # With a negative `half` the whole angle is beyond a right one: its half has sine and cosine in each other's place.
     cos, sin = (
         jnp.where(half >= 0, cos, jnp.abs(sin)),
         jnp.where(half >= 0, sin, jnp.where(sin < 0, -cos, cos)),
@@ -177,12 +187,14 @@ def _closed_form(entries: Float[Array, "6 n"]) -> tuple[Float[Array, "3 n"], Flo
     large = tuple(cos * p + sin * q for p, q in zip(u, v, strict=True))
     small = tuple(cos * q - sin * p for p, q in zip(u, v, strict=True))
     first = (x, y, z)
+    # No sort is needed: the value that stands apart is at one end, and the other two come in their order.
     ends = middle - radius, middle + radius
     values = (
         jnp.where(is_high, ends[0], lone),
         jnp.where(is_high, ends[1], ends[0]),
         jnp.where(is_high, lone, ends[1]),
     )
+    # What was taken off is put back; the vectors are those of the whole matrix all along.
     values = tuple((value * spread + mean) * scale for value in values)
     vectors = tuple(
         tuple(jnp.where(is_high, p, q) for p, q in zip(one, other, strict=True))
@@ -217,6 +229,7 @@ def _null_column(
     a = (xy * yz - xz * yy, xz * xy - xx * yz, xx * yy - xy * xy)
     b = (yy * zz - yz * yz, yz * xz - xy * zz, xy * yz - yy * xz)
     c = (yz * xz - zz * xy, zz * xx - xz * xz, xz * xy - yz * xx)
+    # Two of the rows may be parallel, or one may vanish: the longest product is that of the best pair.
     squares = [p[0] * p[0] + p[1] * p[1] + p[2] * p[2] for p in (a, b, c)]
     is_a = (squares[0] >= squares[1]) & (squares[0] >= squares[2])
     is_b = ~is_a & (squares[1] >= squares[2])

@@ -72,6 +72,7 @@ def box_count_at(
     count = int(jnp.sum(flags, dtype=jnp.int32))
     if implementation is None and count > MAX_BLOCK_SHARE * flags.size:
         return _dense_at(occupied, index, size=size)
+    # The list is as long as a rung of the ladder, so that another number of blocks rarely compiles anything.
     blocks = cut_blocks(_packed(occupied), flags, halo=size // 2, capacity=bucket_size(count))
     return take_from_blocks(count_in_blocks(blocks, size=size), blocks, index, lattice=flags.shape)[0]
 

@@ -77,6 +77,7 @@ def _flat_indices(bits: Array, size: int) -> tuple[jax.Array, jax.Array]:
 
     slot = jnp.arange(size, dtype=jnp.int32)
     place = SPREAD * _GROUP * group + _select_bit(words, _GROUP * group, slot - _take(first, group))
+    # Slots past the last voxel find a place, too, in some group; they are told by their number.
     mask = slot < last[-1]
     return jnp.where(mask, place, 0), mask
 
@@ -85,8 +86,11 @@ def _running_sum(values: Array) -> jax.Array:
     """Inclusive sum of int32 in blocks of 64: XLA's own is several times slower on one long axis (CPU)."""
     short = -len(values) % 64
     padded = jnp.concatenate([values, jnp.zeros(short, jnp.int32)]) if short else values
+    # The window of 64 that ends at an entry holds the whole row before it, and so its sum is the running sum. Two
+    # windows of 8 make it, as above.
     inner = _over_last(_over_last(padded.reshape(-1, 64), 8, 1, jax.lax.add), 8, 8, jax.lax.add)
     if len(inner) > 1:
+        # The last entry of a row is the sum of the row; the running sum of these is what each following row lacks.
         outer = _running_sum(inner[:, -1])
         inner += jnp.concatenate([jnp.zeros(1, jnp.int32), outer[:-1]])[:, None]
     return inner.reshape(-1)[: len(values)]
@@ -141,6 +145,7 @@ def _take(values: Array, index: Array) -> jax.Array:
 
 def _unravel(place: Array, shape: tuple[int, ...]) -> jax.Array:
     """C-order indices (n, 3) of flat places."""
+    # No place is negative: `//` would look after signs, at a price.
     row = jax.lax.div(place, jnp.int32(shape[2]))
     x = jax.lax.div(row, jnp.int32(shape[1]))
     # Without the barrier the whole search would be computed again for each column.

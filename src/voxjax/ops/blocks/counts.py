@@ -110,10 +110,13 @@ def _cut(words: jax.Array, index: jax.Array, halo: int) -> jax.Array:
     A slice for each block is several times faster on CPU than an index for each word.
     """
     side = BLOCK + 2 * halo
+    # The margin of the words, one block along x and y and one word along z, holds the widest halo: no
+    # start is negative.
     corner = BLOCK * index[:, :2] + np.int32(BLOCK - halo)
     bit = BLOCK * index[:, 2] + np.int32(WORD - halo)
 
     def two_words(corner: jax.Array, word: jax.Array) -> jax.Array:
+        # A column is 24 bits at most and begins within the first word, so it ends in the second one at the latest.
         return jax.lax.dynamic_slice(words, (corner[0], corner[1], word), (side, side, 2))
 
     # Behind the barrier each slice is cut once, though both of its words are read below.
@@ -150,6 +153,7 @@ def count_in_blocks(blocks: Blocks, *, size: int = 7) -> UInt16[Array, "k 8 8 8"
         raise InputError(f"size must be at most 2 * halo + 1 = {2 * blocks.halo + 1} voxels, got {size}.")
     spare = blocks.halo - reach
     side = BLOCK + 2 * reach
+    # Blocks may have been cut with a wider halo than this window needs; along z the surplus is shifted out.
     rows = blocks.words[:, spare : spare + side, spare : spare + side] >> np.uint32(spare)
     # z and y are summed in the bytes of words, four voxels at a time: fewer bytes to move than a count for each voxel.
     halves = [_sum_along(_count_along_z(rows, half, size), 1, size) for half in (0, 4)]
@@ -210,7 +214,9 @@ def take_from_blocks(
     count = lattice[0] * lattice[1] * lattice[2]
     listed = jnp.arange(blocks.mask.shape[0], dtype=jnp.int32)
     place = jnp.where(blocks.mask, _flat_place(blocks.index, lattice), count)
+    # Rows of padding have a place past the end, which is dropped. An empty grid keeps one entry, for lookups to read.
     rows = jnp.full((max(count, 1),), -1, jnp.int32).at[place].set(listed, mode="drop")
+    # The shift rounds down, for negative indices as well, so that these stay outside.
     block = jnp.asarray(index) >> np.int32(3)
     is_inside = jnp.all((block >= 0) & (block < jnp.asarray(lattice, jnp.int32)[None, :]), axis=1)
     row = rows.at[jnp.where(is_inside, _flat_place(block, lattice), 0)].get(mode="promise_in_bounds")
@@ -244,5 +250,6 @@ def dense_from_blocks(
     bx, by, bz = (-(-side // BLOCK) for side in shape)
     dense = jnp.zeros((bx, BLOCK, by, BLOCK, bz, BLOCK), values.dtype)
     i, j, k = blocks.index.T
+    # Rows of padding lie past the lattice, and so do blocks that fill the last word along z: both are dropped.
     dense = dense.at[i, :, j, :, k, :].set(values, mode="drop")
     return dense.reshape(bx * BLOCK, by * BLOCK, bz * BLOCK)[: shape[0], : shape[1], : shape[2]]

@@ -85,6 +85,8 @@ def occupied_blocks(words: Words) -> Bool[Array, "bx by bz"]:
     if 0 in lattice:
         return jnp.zeros(lattice, jnp.bool_)
     width = words.shape[1] * words.shape[2]
+    # Words are joined along x first, where those of a plane lie in a row, then along y; only then are their bytes
+    # looked at, one a block.
     rows = jnp.asarray(words)[BLOCK:-BLOCK].reshape(lattice[0], BLOCK, width)
     planes = functools.reduce(operator.or_, (rows[:, i] for i in range(BLOCK)))
     # Without the barrier XLA reads every word eight times over.
