@@ -47,6 +47,8 @@ def agreement_matrix(
     def angles(point: Array, normal: Array, points: Array, normals: Array) -> tuple[Array, Array]:
         offset = points - point[None]
         length = jnp.sqrt(jnp.sum(offset * offset, axis=1, dtype=offset.dtype))
+        # A point has no direction to itself. That pair, the diagonal, is no longer than twice any tolerance, and falls
+        # out below with all that are too near.
         direction = offset / jnp.maximum(length, 1e-6)[:, None]
         theirs = jnp.sum(direction * normals, axis=1, dtype=offset.dtype)
         return length, jnp.stack([normals @ normal, direction @ normal, theirs])
@@ -97,8 +99,10 @@ def greedy_cliques(
         # The lowest of the best, so that ties fall alike on every device.
         choice = jnp.min(jnp.where((support >= best[:, None]) & candidates, index[None], n), axis=1)
         is_growing = choice < n
+        # A clique that is complete looks up some row like all others, and takes nothing from it.
         choice = jnp.minimum(choice, n - 1)
         chosen = (index[None] == choice[:, None]) & is_growing[:, None]
+        # No node agrees with itself, so the chosen one leaves the candidates too.
         candidates = candidates & agreement[choice] & is_growing[:, None]
         return members | chosen, candidates, step + 1
 
@@ -135,12 +139,14 @@ def poses_from_matches(
     """
 
     def solve(weight: Array) -> Array:
+        # A set without any weight has sums of 0 and some pose; without the bound it would be NaN.
         share = (weight / jnp.maximum(jnp.sum(weight, dtype=weight.dtype), 1e-12))[:, None]
         mean_a = jnp.sum(share * points_a, axis=0, dtype=weight.dtype)
         mean_b = jnp.sum(share * points_b, axis=0, dtype=weight.dtype)
         # Points are centred before they are multiplied, which keeps the digits of float32; directions have no place.
         cross = (share * (points_b - mean_b[None])).T @ (points_a - mean_a[None])
         cross = cross + normal_weight * ((share * normals_b).T @ normals_a)
+        # The sum is one of b a^T, whose nearest rotation brings a onto b; its transpose brings b onto a.
         rotation = rigid.nearest_rotation(cross).T
         return rigid.from_rotation_translation(rotation, mean_a - rotation @ mean_b)
 

@@ -132,7 +132,10 @@ def _histograms(
     def shares(counts: Any) -> Any:
         # A word of bins has four bytes, and there are three angles: the last byte is left out.
         by_point = counts.reshape(-1, num_bins, TILE, 4).transpose(0, 2, 3, 1)[:, :, :3]
+        # Half tiles are what neighbours are listed by, so the second pass finds the histograms of one in one place.
         by_point = by_point.reshape(-1, LEAF, width)
+        # Each neighbour counts once in all three histograms, so the first one has the number for all. A point without
+        # neighbours keeps zeros.
         return by_point / xp.maximum(by_point[..., :num_bins].sum(axis=2, keepdims=True), xp.float32(1))
 
     histograms = work.by_parts(shares, work.add_up(simple, (num_bins, 4 * TILE)))
@@ -168,11 +171,14 @@ def _fit(sums: Float32[Array, "10 n"]) -> tuple[Float32[Array, "3 n"], Float32[A
     """Normal and surface variation from the number of points, their sums and sums of products."""
     count = sums[0]
     x, y, z, xx, yy, zz, xy, xz, yz = (row / jnp.maximum(count, 1.0) for row in sums[1:])
+    # Offsets count from a point of the same tile: mean squares and squared means are small, and their
+    # difference keeps its digits.
     covariance = jnp.stack([xx - x * x, yy - y * y, zz - z * z, xy - x * y, xz - x * z, yz - y * z])
     values, vectors, _ = eigen_by_columns(covariance)
     total = values[0] + values[1] + values[2]
     # Fewer than three points fit no plane: they count as what scatters alike in all directions.
     is_defined = (count >= 3.0) & (total > 0.0)
+    # Rounding may leave the least value of flat surroundings a little below 0.
     variation = jnp.maximum(values[0], 0.0) / jnp.where(is_defined, total, 1.0)
     return vectors[0], jnp.where(is_defined, variation, 1.0 / 3.0)
 

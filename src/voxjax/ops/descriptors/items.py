@@ -44,6 +44,7 @@ class ItemWork:
 
     def tables(self, columns: Any) -> tuple[Any, Any]:
         """Columns of the points (c, n) by tile (c, t, 16) and by half tile (c, 2 t, 8), FAR where a place is empty."""
+        # Empty places name the row after the last point: it is there, and far from everything.
         padded = self.xp.concatenate(
             [columns, self.xp.full((columns.shape[0], 1), FAR, columns.dtype)], axis=1
         )
@@ -110,12 +111,15 @@ def _add_pieces(evaluate: Evaluate, near: NearTiles, total: np.ndarray) -> np.nd
     empty = near.rows.shape[0] - 1
 
     def sum_by_tile(tiles: np.ndarray, halves: np.ndarray, count: np.int32) -> tuple[np.ndarray, np.ndarray]:
+        # Items of padding see half tiles without points; they are dropped here, before anything is added.
         values, tiles = np.asarray(evaluate(tiles, halves)), tiles[:count]
+        # Items are sorted by their tile, so that those of a tile are a run.
         starts = np.flatnonzero(np.diff(tiles, prepend=-1))
         counts = np.diff(starts, append=len(tiles))
         # Tiles with the most items first, so that those that have a k-th one are always a slice.
         starts, counts = (rows[np.argsort(-counts, kind="stable")] for rows in (starts, counts))
         # The k-th items of all tiles that have one: `np.add.reduceat` takes four times as long.
+        # Counts come as bytes, which the sum of several items would overflow.
         sums = values[starts].astype(np.float32)
         for k in range(1, counts.max(initial=1)):
             having = np.count_nonzero(counts > k)
@@ -123,6 +127,8 @@ def _add_pieces(evaluate: Evaluate, near: NearTiles, total: np.ndarray) -> np.nd
         return tiles[starts], sums
 
     for tiles, sums in each_piece(sum_by_tile, [own, others], size=_ITEMS, fills=[0, empty]):
+        # Each tile is once in the sums of a piece, so that no addition hides another; a tile that the end of a piece
+        # cuts is added to by two pieces.
         total[tiles] += sums
     return total
 
@@ -134,6 +140,7 @@ def _scan(evaluate: Evaluate, near: NearTiles, total: jax.Array) -> jax.Array:
     size = min(items, max(near.own.shape[0], 1))
     padding = -near.own.shape[0] % size
     tiles = jnp.pad(near.own, (0, padding)).reshape(-1, size)
+    # Items of padding belong to tile 0 and add nothing to it, for half tiles without points are near to none.
     halves = jnp.pad(near.others, ((0, padding), (0, 0)), constant_values=near.rows.shape[0] - 1)
 
     def step(total: jax.Array, item: tuple[Array, Array]) -> tuple[jax.Array, None]:

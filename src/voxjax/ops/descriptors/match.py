@@ -72,6 +72,7 @@ def _mutual_nearest_on_host(
             square = np.asarray(_squares(rows, right[start : start + _COLUMNS]))
             column = square.argmin(axis=1)
             value = np.take_along_axis(square, column[:, None], axis=1)[:, 0]
+            # Strictly less: of equally near columns the first one stays.
             closer = value < least
             nearest[closer], least[closer] = column[closer] + start, value[closer]
             square.min(axis=0, out=least_of_b[start : start + _COLUMNS])
@@ -88,6 +89,8 @@ def _mutual_nearest_on_host(
         row_of_b[closer], least_of_b[closer] = row[closer], value[closer]
     nearest = np.concatenate([np.zeros(0, np.int32), *(part[0] for part in parts)])[:n]
     square = np.concatenate([np.zeros(0, np.float32), *(part[1] for part in parts)])[:n]
+    # Rows that take no part are `_APART` or twice as much away, and others far less than half of it. Without rows of b
+    # there is nothing to look up.
     takes_part = mask_a & (square < 0.5 * _APART) if m else np.zeros(n, bool)
     is_mutual = takes_part & (row_of_b[nearest] == np.arange(n)) if m else takes_part
     return nearest, is_mutual, np.maximum(square, 0.0)
@@ -125,6 +128,7 @@ def mutual_nearest_kernel(
     n, dtype = descriptors_a.shape[0], descriptors_a.dtype
     num_chunks = max(-(-n // chunk), 1)
     padding = num_chunks * chunk - n
+    # Here norms are added and never multiplied, so that infinity marks the rows that take no part.
     norm_a = jnp.where(mask_a, jnp.sum(descriptors_a**2, axis=1, dtype=dtype), jnp.inf)
     norm_b = jnp.where(mask_b, jnp.sum(descriptors_b**2, axis=1, dtype=dtype), jnp.inf)
     rows = jnp.pad(descriptors_a, ((0, padding), (0, 0))).reshape(num_chunks, chunk, -1)
@@ -135,6 +139,7 @@ def mutual_nearest_kernel(
         square = norm[:, None] + norm_b[None] - 2.0 * (a @ descriptors_b.T)
         least_of_b = jnp.min(square, axis=0)
         row_of_b = first + _first_at(square, least_of_b[None], axis=0)
+        # Strictly less, for blocks come in the order of their rows: ties go to the lower one.
         closer = least_of_b < best_b[0]
         best_b = (jnp.where(closer, least_of_b, best_b[0]), jnp.where(closer, row_of_b, best_b[1]))
         least_of_a = jnp.min(square, axis=1)

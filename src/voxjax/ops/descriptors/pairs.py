@@ -91,11 +91,14 @@ def pair_bins(
     is_neighbor = (length <= square) & (length > 0.0)
     nx, ny, nz = (own[k, :, None, :] for k in range(3, 6))
     mx, my, mz = (others[k, :, :, None] for k in range(3, 6))
+    # These are n.d, d.m, n.m and d.(n x m) of the docstring.
     ahead, back, along = x * nx + y * ny + z * nz, x * mx + y * my + z * mz, nx * mx + ny * my + nz * mz
     volume = x * (ny * mz - nz * my) + y * (nz * mx - nx * mz) + z * (nx * my - ny * mx)
     safe = jnp.maximum(length, 1e-12)
     # Where d is along n within the rounding of float32, v has no direction, and its angles are taken for flat.
     across = jax.lax.rsqrt(jnp.maximum(safe - ahead * ahead, 1e-6 * safe))
+    # Where d is almost along n, the root of the difference has few digits, and the quotient by it may leave [-1, 1]: it
+    # is clipped. The one by |d| leaves it by rounding alone, which the slack of the bins takes up.
     word = (
         _share_bin(jnp.clip(volume * across, -1.0, 1.0), num_bins, byte=0)
         | _share_bin(ahead * jax.lax.rsqrt(safe), num_bins, byte=1)
@@ -128,6 +131,7 @@ def _turn_bin(sine: Array, cosine: Array, num_bins: int) -> Array:
     # the root that a length would take.
     half = num_bins // 2
     borders = np.pi * (2 * np.arange(1, half + 1) - num_bins % 2) / num_bins
+    # With an even number of bins the last border is pi itself, beyond which no angle lies.
     borders = borders[borders < np.pi - 1e-9]
     size = jnp.abs(cosine) + jnp.abs(sine)
     beyond = jnp.zeros_like(sine, jnp.int32)

@@ -65,6 +65,8 @@ def point_tree(points: Float[np.ndarray, "n 3"]) -> PointTree:
     count = len(points)
     if not np.isfinite(points).all():
         raise InputError("points must have finite coordinates, got an infinite one or NaN.")
+    # There are leaves for all points and for one more, empty, with which lists of near half tiles are filled up; and at
+    # least two, for a tile has two.
     levels = max(int(np.ceil(np.log2(max(count + LEAF, 2 * LEAF) / LEAF))), 1)
     size = LEAF << levels
     # Empty places are infinitely far, so the points of a node come before them, and the last leaf is empty.
@@ -80,6 +82,7 @@ def point_tree(points: Float[np.ndarray, "n 3"]) -> PointTree:
     low, high = (np.full((3, 1 << levels), bound, np.float32) for bound in (np.inf, -np.inf))
     filled = -(-count // LEAF)
     low[:, :filled], high[:, :filled] = _boxes(columns[:, : filled * LEAF], LEAF)
+    # A partition leaves its halves in any order; sorted, the rows of a leaf are in one, and empty places come last.
     rows = np.sort(rows.reshape(-1, LEAF), axis=1)
     lows, highs = [low], [high]
     for _ in range(levels):
@@ -102,6 +105,8 @@ def _halve(columns: np.ndarray, rows: np.ndarray, levels: int) -> None:
         low, high = _boxes(points, width)
         axis = np.argmax(high - low, axis=0)
         keys = np.take_along_axis(points.reshape(3, nodes, width), axis[None, :, None], axis=0)[0]
+        # Half of the points go to either side, however they are spread: all leaves but the last are full, and the tree
+        # needs no links. Empty places are infinite along each axis, so they stay behind the points.
         halves = np.argpartition(keys, width // 2 - 1, axis=1)
         halves += (np.arange(nodes) * width)[:, None]
         halves = halves.reshape(-1)
@@ -119,6 +124,7 @@ def _boxes(columns: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
         low = np.minimum(low[:, :, :half], low[:, :, half:])
         high = np.maximum(high[:, :, :half], high[:, :, half:])
     low, high = low.min(axis=2), high.max(axis=2)
+    # The infinity of empty places never is the least coordinate, but it would be the largest.
     last = columns[:, -width:]
     finite = np.where(np.isfinite(last), last, -np.inf)
     high[:, -1:] = finite.max(axis=1, keepdims=True, initial=-np.inf)
@@ -141,6 +147,7 @@ def near_tiles(tree: PointTree, radius: float) -> NearTiles:
     # A little more, for the rounding of squares; kernels compare distances themselves.
     square = np.float32((1 + 1e-5) * check_positive("radius", radius, "m") ** 2)
     level = len(tree.low) - 2
+    # The level above the leaves has the tiles. A box that is inside out holds no point.
     tiles = np.flatnonzero(tree.low[level][0] <= tree.high[level][0])
     # Tiles of one search: pairs of a few hundred tiles and what is near them stay small, and all cores have some.
     chunk = 512
@@ -164,6 +171,7 @@ def _descend(tree: PointTree, own: np.ndarray, square: np.float32) -> tuple[np.n
         level += step
         own = np.repeat(own, 1 << step)
         other = ((other << step)[:, None] + np.arange(1 << step)).reshape(-1)
+        # The squared distance of two boxes: 0 along an axis where they overlap, infinite where one has no points.
         gap = np.zeros(len(own), np.float32)
         for axis in range(3):
             before = tree.low[level][axis][other] - high[axis][own]
@@ -182,6 +190,7 @@ def _grouped(rows: np.ndarray, own: np.ndarray, other: np.ndarray) -> NearTiles:
     counts = np.diff(starts, append=len(own))
     items = -(-counts // GROUP)
     others = np.full((int(items.sum()), GROUP), empty, np.int32)
+    # Each tile begins an item of its own, so its half tiles move on by the places that tiles before it left empty.
     place = np.arange(len(own)) + np.repeat(GROUP * (np.cumsum(items) - items) - starts, counts)
     others.reshape(-1)[place] = other
     return NearTiles(rows.astype(np.int32), np.repeat(own[starts], items).astype(np.int32), others)
