@@ -60,8 +60,10 @@ def align_poses(
     target = _Target(keys, Block.of(*block), surface, normals)
     if not on_host(target, points, weights, poses, robust):
         return _align_at_once(target, points, weights, poses, *robust, num_steps, batch_size)
+    # `over_poses` takes one pose at least.
     if len(poses) == 0:
         return jnp.zeros((0, 4, 4), jnp.float32)
+    # The arrays are put there once, and all pieces take them as they are.
     held = jax.device_put((target, points, weights, *robust))
     aligned = over_poses(
         lambda some, count: _align_piece(*held, some, count, num_steps),
@@ -159,18 +161,23 @@ class _Alignment(NamedTuple):
         residual = gap[0] * normal[0] + gap[1] * normal[1] + gap[2] * normal[2]
         distance_sq = gap[0] * gap[0] + gap[1] * gap[1] + gap[2] * gap[2]
         # Weights fall with the distance to the matched voxel, not to its plane, which reaches beyond its surface.
+        # The weights are those of Geman and McClure: the pull of a match dies out with its distance.
         robust = 1.0 / (1.0 + distance_sq / (scale * scale)) ** 2
         weight = jnp.where(is_near, weights * robust, 0.0)
+        # Negative places count from the end, so this is arm x normal: how the residual changes under a small turn.
         turn = [arm[k - 2] * normal[k - 1] - arm[k - 1] * normal[k - 2] for k in range(3)]
         # The residual as a seventh row: one product gives normal matrix and gradient.
         jacobian = jnp.stack([*normal, *turn, residual])
         system = (jacobian * weight[None, :]) @ jacobian.T
         hessian, gradient = system[:6, :6], system[:6, 6]
+        # A pose that meets nothing has a matrix of zeros; the constant keeps it solvable, and the pose
+        # stays where it is.
         damping = share * jnp.trace(hessian) / 6.0 + 1e-12
         delta = -jnp.linalg.solve(hessian + damping * jnp.eye(6, dtype=jnp.float32), gradient)
         # A start that meets few points must not be thrown far [m, rad].
         delta = jnp.clip(delta, -0.5, 0.5)
         rotation = rigid.exp_so3(delta[3:]) @ T[:3, :3]
+        # The centre goes where the step says, and the translation follows from it.
         moved = image + delta[:3]
         return rigid.from_rotation_translation(rotation, moved - rotation @ centre)
 

@@ -50,6 +50,8 @@ def coarse_spectra(
         jnp.float32
     )
     cell = jnp.floor((points @ rotation.T - low[None, :]) / cell_size).astype(jnp.int32)
+    # Padding lies anywhere and weighs nothing. What rounding puts one cell below the box wraps to the last cell, which
+    # to a transform is the same one.
     ask = jnp.zeros(cells, jnp.float32).at[cell[:, 0], cell[:, 1], cell[:, 2]].add(weights, mode="drop")
     return jnp.fft.rfftn(offer), jnp.fft.rfftn(ask)
 

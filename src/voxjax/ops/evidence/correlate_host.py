@@ -56,6 +56,7 @@ def coarse_spectra_on_host(
     """
     # Cell centres in voxels of the map: a sum of one vector an axis.
     step = rotation * (cell_size / voxel_size)
+    # A row times the rotation is turned back, from the block into the map.
     start = ((low + 0.5 * cell_size) @ rotation - origin) / voxel_size
 
     def place(axis: int) -> np.ndarray:
@@ -64,6 +65,7 @@ def coarse_spectra_on_host(
 
     # What the map offers: codes at the centres of cells, as values.
     flat, is_inside = cells_on_host(map(place, range(3)), codes.shape)
+    # Code 0 says that nothing is known, and a product with False gives it to what lies outside.
     code = np.take(codes.reshape(-1), flat) * is_inside
     values = np.zeros(4, np.float32)
     values[HIT], values[CONFLICT] = 1.0, -conflict_weight
@@ -77,6 +79,7 @@ def coarse_spectra_on_host(
         places -= shift[axis]
         flat = flat * np.int32(box[axis]) + np.clip(places, 0, box[axis] - 1, out=places).astype(np.int32)
     ask = np.bincount(flat, weights, minlength=int(np.prod(box))).astype(np.float32).reshape(box)
+    # The transform fills the block up with zeros, so that what is shifted past the map meets nothing.
     return np.asarray(rfftn(offer, s=cells)), np.asarray(rfftn(ask, s=cells))
 
 
@@ -91,6 +94,7 @@ def reversed_spectrum(
         cells: Size of the block.
     """
     # The half that is stored knows the last axis forward only: a real block's other half is the conjugate at -k.
+    # The conjugate reverses all three axes, so the axes that shall differ from the last one are reversed here.
     for axis in range(2):
         if is_reversed[axis] != is_reversed[2]:
             spectrum = np.take(spectrum, -np.arange(cells[axis]) % cells[axis], axis=axis)
@@ -119,6 +123,8 @@ def correlation_peaks_on_host(
     Returns:
         Scores float32 (k,), best first, and translations int64 (k, 3) [cell], modulo the block, in [0, cells).
     """
+    # The conjugate turns convolution into correlation, and both directions of it are summed before the
+    # one transform back.
     spectrum = offer_a * np.conj(ask_b)
     spectrum += ask_a * np.conj(offer_b)
     score = np.asarray(irfftn(spectrum, s=cells, overwrite_x=True))
@@ -128,6 +134,7 @@ def correlation_peaks_on_host(
         parts = [np.take(best, range(i, best.shape[axis], PEAK_BLOCK), axis=axis) for i in range(PEAK_BLOCK)]
         best = np.maximum(np.maximum(parts[0], parts[1]), np.maximum(parts[2], parts[3]))
     count = min(num_peaks, best.size)
+    # The sort is stable: of equal scores the first block in C order comes first, on every machine.
     order = np.argsort(-best, axis=None, kind="stable")[:count]
     peaks = []
     for block in np.stack(np.unravel_index(order, best.shape), axis=-1) * PEAK_BLOCK:

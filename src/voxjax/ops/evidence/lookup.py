@@ -71,6 +71,7 @@ def cells_on_host(places: Iterable[np.ndarray], shape: Sequence[int]) -> tuple[n
         cell = np.floor(place, out=place).astype(np.int32)
         # Unsigned: what is below 0 is far above.
         is_inside = is_inside & (cell.view(np.uint32) < np.uint32(size))
+        # Outside of the block the product may wrap round; what comes of it is replaced below.
         flat = flat * np.int32(size) + cell
     return np.where(is_inside, flat, 0), np.asarray(is_inside)
 

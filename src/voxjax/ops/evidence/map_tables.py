@@ -57,5 +57,6 @@ def code_table(
     """
     if not on_host(states, keys):
         return evidence_codes(states, keys, hit_sq, clear_sq)
+    # What follows the map in its tables is left untouched, or it would take memory for nothing.
     cells = np.asarray(states)[:num_cells], np.asarray(keys)[:num_cells]
     return to_device(evidence_codes_on_host(*cells, hit_sq, clear_sq, length=len(keys)))

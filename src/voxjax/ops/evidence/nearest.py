@@ -102,11 +102,16 @@ def _spread_along(field: Array, stride: Array, size: Array, radius: int) -> Arra
     twice = jnp.concatenate([field, field])
 
     def take_step(step: Array, best: Array) -> Array:
+        # Steps read the field as the axis found it, and not what other steps have made of it: each
+        # squared step is added once.
         squared = (step * step).astype(jnp.uint32)
         for sign in (1, -1):
+            # The remainder is never negative, so that a step back is a slice from further on in the doubled field.
             start = (sign * step * stride) % field.shape[0]
             other = jax.lax.dynamic_slice(twice, (start,), field.shape)
             at = place + sign * step
+            # The 63 of nothing near is more than the square of any radius, so its key, which wraps round
+            # in the sum, is not taken.
             is_near = (other >> np.uint32(INDEX_BITS)) + squared <= np.uint32(radius * radius)
             key = other + (squared << np.uint32(INDEX_BITS))
             best = jnp.minimum(best, jnp.where((at >= 0) & (at < size) & is_near, key, NOTHING_NEAR))

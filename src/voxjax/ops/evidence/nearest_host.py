@@ -53,6 +53,7 @@ def nearest_field_on_host(
         x, y, z = index[rows].T
         keys[x - start, y, z] = np.arange(rows.start, rows.stop, dtype=np.uint32)
         flat = keys.reshape(-1)
+        # The order of axes does not matter; z and y come first, because their neighbours are in the slab.
         _spread_along(flat, 1, radius)
         _spread_along(flat, gapped[1], radius)
         block[start:end] = keys[:, :height, :depth]
@@ -77,6 +78,7 @@ def _spread_along(keys: np.ndarray, stride: int, radius: int) -> None:
     # where one added to the mark of nothing would wrap round.
     beyond = np.uint32((radius * radius + 1) << INDEX_BITS)
     source = np.minimum(keys, beyond)
+    # All steps read what the pass began with, so the least keys are gathered in another array.
     best, other = source.copy(), np.empty_like(source)
     for step in range(1, radius + 1):
         rest = max(len(keys) - step * stride, 0)

@@ -145,6 +145,8 @@ def _sums_of_piece(field: SurfaceField | CodeField, *piece: Array) -> Float32[Ar
         return sums.at[i].set(field.sums(poses[i], *columns))
 
     def some(i: jax.Array, sums: jax.Array) -> jax.Array:
+        # Lists have the lengths of `PIECES`, so `together` divides the 512 poses: no slice reaches past their end,
+        # where JAX would move it back in silence.
         step = jax.lax.dynamic_slice_in_dim(poses, i * together, together)
         found = jax.vmap(lambda T: field.sums(T, *columns))(step)
         return jax.lax.dynamic_update_slice_in_dim(sums, found, i * together, 0)
@@ -176,8 +178,10 @@ def _sums_at_once(field: SurfaceField | CodeField, lists: tuple, poses: Array, b
 def _sums(field: SurfaceField | CodeField, lists: tuple, poses: Array, batch_size: int) -> Array:
     # Points of a piece of `surface_evidence` at most: what its steps write down stays in the cache of a core.
     surface_piece = 8192
+    # Without points or poses there is no piece to sum; the one kernel gives sums of the right shape.
     if not on_host(field, lists, poses) or not (len(poses) and len(lists[0])):
         return _sums_at_once(field, lists, poses, batch_size)
+    # The tables are put there once, and all pieces take them as they are.
     held = jax.device_put(field)
     kernel, most = (
         (_code_piece, PIECES[-1]) if isinstance(field, CodeField) else (_surface_piece, surface_piece)

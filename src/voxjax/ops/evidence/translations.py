@@ -111,6 +111,7 @@ def _search_on_host(
     maps = a, b
     codes = [np.asarray(m.codes)[: int(np.prod(m.shape))].reshape(m.shape) for m in maps]
     columns = [np.ascontiguousarray(np.asarray(m.points)[: m.num_points].T) for m in maps]
+    # `np.bincount` sums in float64, and would convert float32 weights anew for each rotation.
     weights = [np.asarray(m.weights, np.float64)[: m.num_points] for m in maps]
 
     def spectra(which: int, rotation: np.ndarray, low: np.ndarray, box: np.ndarray, cells: Cells) -> tuple:

@@ -71,6 +71,7 @@ class Axes(NamedTuple):
 def principal_axes(covariance: Float32[Array, "6 n"]) -> Axes:
     """Curvature and axes of the occupied voxels."""
     eigen = eigen_by_columns(covariance, tolerance=TIED)
+    # Rounding may leave the least value of a flat window a little below 0.
     low, middle, high = (jnp.maximum(eigen.values[k], 0) for k in range(3))
     total = low + middle + high
     curvature = low / jnp.where(total > 0, total, 1)
@@ -101,6 +102,8 @@ def surface_normal(sums: WindowSums, axes: Axes) -> tuple[Array, Array, Array]:
     toward_free = across(lean)
     is_free_told = _dot(toward_free, toward_free) > min_lean**2
     chosen = tuple(jnp.where(is_free_told, f, a) for f, a in zip(toward_free, toward_axis, strict=True))
+    # Either choice has some length: that toward free voxels by its bound, the other because its axis is
+    # not along the line.
     inverse = 1 / jnp.sqrt(_dot(chosen, chosen))
     axis = tuple(jnp.where(axes.is_low, a, inverse * c) for a, c in zip(low, chosen, strict=True))
 
@@ -130,6 +133,7 @@ def free_distances(
     packed: PackedStates, margin: int, group: Array, shift: Array, words: Array, up: Array
 ) -> UInt8[Array, "2 n"]:
     """Steps to the first free voxel before anything unknown, on both sides; reach + 1 if none."""
+    # The bits begin `margin` voxels below the voxel, so that steps to either side are shifts of 0 or more.
     reach, middle = words.shape[0], shift.astype(jnp.int32) + margin
     distances = []
     # A side is open as long as only occupied voxels were met: what lies behind an unknown one is no free side.

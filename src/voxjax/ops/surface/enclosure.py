@@ -24,6 +24,7 @@ def enclosing_directions(occupied: Bool[np.ndarray, "x y z"], *, reach: float) -
     """
     count = np.zeros(occupied.shape, np.uint8)
     for direction in DIRECTIONS:
+        # Rays have one length in all directions, so that diagonal ones have fewer steps.
         steps = int(reach / np.linalg.norm(direction))
         if steps < 1:
             continue

@@ -43,6 +43,7 @@ def edge_directions(normals: Float32[Array, "*m 3 3"]) -> Float32[Array, "*m 3 3
     crosses = jnp.stack(
         [jnp.cross(normals[..., (i + 1) % 3, :], normals[..., (i + 2) % 3, :]) for i in range(3)], axis=-2
     )
+    # Which way a cross product points depends on the handedness of the three normals, which nobody has ordered.
     side = jnp.sign(jnp.sum(crosses * normals, axis=-1, keepdims=True))
     return side * crosses / jnp.maximum(jnp.linalg.norm(crosses, axis=-1, keepdims=True), 1e-9)
 
@@ -98,6 +99,7 @@ def _faces_on_host(
     def look(some: np.ndarray, planes: np.ndarray, _: np.int32) -> CornerFaces:
         return run(table, shape, some, planes)
 
+    # Padding gets three planes that meet, so that it has edges as well.
     fills = [0.0, np.eye(3, dtype=np.float32)]
     return over_pieces(look, [position, normals], size=group, fills=fills)
 
@@ -147,6 +149,7 @@ def _faces_kernel(
             open_ = jnp.stack([look_up(points + t * inward) == FREE for t in (1.5, 2.5)]).any(axis=0)
             occupied.append(jnp.mean(hit, axis=(1, 2), dtype=jnp.float32))
             seen.append(jnp.mean(hit & open_, axis=(1, 2), dtype=jnp.float32))
+        # The octant itself is sampled off its faces, because a surface may lie a voxel off its plane.
         depth = jnp.asarray([1.5, 3.0], jnp.float32)
         a, b, c = jnp.meshgrid(depth, depth, depth, indexing="ij")
         inner = jnp.stack([a, b, c], axis=-1).reshape(1, 8, 3) * signs[:, None, :]
