@@ -233,6 +233,7 @@ def _neighbours(
         low, high = words[word], words[word + 1]
         # Two shifts: one by 32 is not defined.
         present = ((low >> shift) | ((high << (31 - shift)) << 1)) & 7
+        # These are the listed voxels of the word that lie before the first one of the column.
         before = low & ((jnp.uint32(1) << shift) - 1)
         row = rank[word] + jax.lax.population_count(before).astype(jnp.int32)
         joined = jnp.where(mask, present & wanted, np.uint32(0))

@@ -71,6 +71,7 @@ def distance_field(
         raise InputError(f"radius must be a whole number of voxels from 1 to {MAX_RADIUS}, got {radius!r}.")
     if occupied.size >= 2**31:
         raise InputError(f"occupied must have fewer than 2**31 voxels, got {occupied.size}; use tiles.")
+    # A voxel size that is traced has no value to check.
     if not isinstance(voxel_size, jax.Array):
         voxel_size = check_positive("voxel_size", float(voxel_size), "m")
     return _distance_field(occupied, jnp.asarray(voxel_size, jnp.float32), radius=radius)

@@ -78,6 +78,7 @@ def symmetric_eigen(matrix: Float[Array, "*n 3 3"]) -> tuple[Float[Array, "*n 3"
 
 def _stands_apart(values: Array, tolerance: Array) -> Bool[Array, "3 *n"]:
     """Whether each value differs from both others by more than the tolerance."""
+    # Values ascend, so the largest magnitude is at one of the two ends.
     least = tolerance * jnp.maximum(jnp.abs(values[0]), jnp.abs(values[2]))
     is_low, is_high = values[1] - values[0] > least, values[2] - values[1] > least
     return jnp.stack([is_low, is_low & is_high, is_high])
@@ -156,6 +157,7 @@ def _closed_form(entries: Float[Array, "6 n"]) -> tuple[Float[Array, "3 n"], Flo
     x, y, z = _null_column(xx - lone, yy - lone, zz - lone, xy, xz, yz)
     # Two vectors normal to it, without a branch (Duff et al., Building an orthonormal basis, revisited, 2017).
     sign = jnp.where(z >= 0, jnp.ones_like(z), -jnp.ones_like(z))
+    # With the sign of z the sum is never closer to 0 than 1.
     a = -1 / (sign + z)
     b = x * y * a
     u = (1 + sign * x * x * a, sign * b, -sign * x)

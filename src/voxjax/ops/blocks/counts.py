@@ -92,6 +92,7 @@ def cut_blocks(words: Words, flags: Bool[Array, "bx by bz"], *, halo: int, capac
         raise InputError(f"halo must be 0 to {MAX_HALO} voxels, got {halo}.")
     if flags.shape != lattice:
         raise InputError(f"flags must have the shape of the lattice of blocks {lattice}, got {flags.shape}.")
+    # The lattice is a grid of flags like any other, and its blocks come in C order.
     listed, mask = occupied_indices(flags, size=capacity)
     # Rows left over lie outside, so that writes to them are dropped.
     index = jnp.where(mask[:, None], listed, jnp.asarray(lattice, jnp.int32)[None, :])

@@ -94,6 +94,7 @@ def greedy_cliques(
 
     def grow(state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         members, candidates, step = state
+        # A candidate may share no neighbour with the seed; -1 is less than that, too.
         support = jnp.where(candidates, shared, -1.0)
         best = jnp.max(support, axis=1)
         # The lowest of the best, so that ties fall alike on every device.

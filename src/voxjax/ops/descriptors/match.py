@@ -67,6 +67,7 @@ def _mutual_nearest_on_host(
     def run(first: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         rows = left[first : first + _ROWS]
         nearest, least = np.zeros(_ROWS, np.int32), np.full(_ROWS, np.inf, np.float32)
+        # A column to which no row of this block is the nearest keeps -1, which is no row's number.
         row_of_b, least_of_b = np.full(len(right), -1, np.int32), np.empty(len(right), np.float32)
         for start in range(0, len(right), _COLUMNS):
             square = np.asarray(_squares(rows, right[start : start + _COLUMNS]))
@@ -98,6 +99,7 @@ def _mutual_nearest_on_host(
 
 def _factors(descriptors: np.ndarray, mask: np.ndarray, block: int, *, is_left: bool) -> np.ndarray:
     """Rows whose products are squared distances: (x, 1, |x|^2) and (-2 y, |y|^2, 1), padded to whole blocks."""
+    # Rows that take no part may hold anything, NaN too: zeros stand for them, and the norm sets them apart.
     values = np.where(mask[:, None], descriptors, 0).astype(np.float32)
     norm = np.where(mask, np.sum(values * values, axis=1, dtype=np.float32), np.float32(_APART))[:, None]
     one = np.ones_like(norm)

@@ -202,6 +202,7 @@ def padded_tiles(near: NearTiles, count: int, size: int) -> NearTiles:
     Accelerators need this, where a list belongs to the shape of the kernel; the items added hold no pair.
     """
     items, half_tiles = bucket_size(len(near.own), 1024), 2 * (-(-size // TILE) + 1)
+    # Empty places name the row after the last point, which the padding has moved.
     rows = pad_rows(np.where(near.rows < count, near.rows, size).astype(np.int32), half_tiles, size)
     own, others = np.asarray(near.own), np.asarray(near.others)
     return NearTiles(rows, pad_rows(own, items), pad_rows(others, items, len(near.rows) - 1))

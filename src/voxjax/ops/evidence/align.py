@@ -56,6 +56,7 @@ def align_poses(
     Returns:
         Refined poses, same order.
     """
+    # As arrays, the distances are no part of the kept program, so that others need no other one.
     robust = jnp.asarray(start_distance, jnp.float32), jnp.asarray(final_distance, jnp.float32)
     target = _Target(keys, Block.of(*block), surface, normals)
     if not on_host(target, points, weights, poses, robust):
@@ -133,6 +134,7 @@ class _Alignment(NamedTuple):
 
     @classmethod
     def of(cls, target: _Target, points: Array, weights: Array, start: Array, final: Array) -> "_Alignment":
+        # Padding has no weight, so that its places do not move the centre; a list of padding alone has one at 0.
         total = jnp.maximum(jnp.sum(weights, dtype=jnp.float32), 1e-12)
         centre = jnp.sum(points * weights[:, None], axis=0, dtype=jnp.float32) / total
         return cls(target, points.T, weights, centre, (points - centre[None, :]).T, start, final)

@@ -60,6 +60,7 @@ def nearest_field(
     check_cells(flat_size, 0, "a field", "take a larger voxel size, or work tile by tile")
     row = jnp.arange(index.shape[0], dtype=jnp.uint32)
     strides = jnp.stack([dims[1] * dims[2], dims[2], jnp.ones_like(dims[2])])
+    # A voxel outside of the block would have the flat place of another one inside.
     is_inside = mask & jnp.all((index >= 0) & (index < dims[None, :]), axis=1)
     flat = jnp.where(is_inside, jnp.sum(index * strides[None, :], axis=1, dtype=jnp.int32), flat_size)
     # Rows outside and padding write past the end, which is dropped; of rows with one voxel the first one stays.
@@ -96,6 +97,7 @@ def _spread_along(field: Array, stride: Array, size: Array, radius: int) -> Arra
 
     Keys farther than the radius are dropped at once, so that no sum leaves its six bits.
     """
+    # Cells past the volume have places as well, from 0 on again: so no step crosses the border between them and it.
     place = jnp.arange(field.shape[0], dtype=jnp.int32) // stride % size
     # Twice in a row: a shift by a stride that is known at run time only is one slice of it. What comes from beyond the
     # axis is told by its place.

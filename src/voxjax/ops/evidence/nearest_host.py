@@ -48,6 +48,7 @@ def nearest_field_on_host(
 
     def spread_in_planes(start: int) -> None:
         end = min(start + planes, width)
+        # The gaps hold nothing, and what spreads into them is left behind.
         keys = np.full((end - start, *gapped), NOTHING_NEAR)
         rows = slice(first[start], first[end])
         x, y, z = index[rows].T

@@ -108,6 +108,7 @@ def map_shards(kernel: Callable[[jax.Array], jax.Array], grid: ShardedGrid, *, h
     if halo < 0:
         raise InputError(f"halo must be 0 voxels or more, got {halo}.")
     names = grid.mesh.axis_names
+    # A mesh may have fewer axes than the grid, whose last ones then stay whole: the shapes need not be as long.
     thickness = [n // parts for n, parts in zip(grid.values.shape, grid.mesh.devices.shape, strict=False)]
     if min(thickness) < halo:
         raise InputError(

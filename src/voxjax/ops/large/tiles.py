@@ -155,6 +155,7 @@ def _check_edges(tile: int | tuple[int, int, int], shape: tuple[int, ...]) -> tu
     edges = (tile, tile, tile) if isinstance(tile, int) else tuple(tile)
     if len(edges) != 3 or min(edges) < 1:
         raise InputError(f"tile must be one or three numbers of voxels, 1 or more, got {tile!r}.")
+    # An axis without voxels has no tiles, but they have an edge all the same: `range` refuses steps of 0.
     x, y, z = (max(min(edge, side), 1) for edge, side in zip(edges, shape[:3], strict=True))
     return x, y, z
 

@@ -97,6 +97,7 @@ def resample_trilinear(
         return jnp.zeros(target_shape, values.dtype)
     weights, places, insides = [], [], []
     for centre, side in zip(_centres(affine, target_shape), values.shape, strict=True):
+        # Weights multiply values, so they have the dtype of values: strict promotion mixes none.
         from_centre = centre.astype(values.dtype) - jnp.asarray(0.5, values.dtype)
         low = jnp.floor(from_centre)
         weight_high = from_centre - low

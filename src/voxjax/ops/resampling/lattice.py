@@ -20,6 +20,7 @@ def origin_in_voxels(origin: Float[np.ndarray, "3"], voxel_size: float) -> Float
 
 def origin_of_cell(cell: Int[np.ndarray, "3"], voxel_size: float) -> Float[np.ndarray, "3"]:
     """Outer corner float32 [m] of a cell of the lattice."""
+    # The product is rounded once, from float64: equal cells have equal origins, however they came about.
     return (np.asarray(cell, np.float64) * voxel_size).astype(np.float32)
 
 
@@ -29,6 +30,7 @@ def check_num_voxels(shape: Real[np.ndarray, "3"], what: str, advice: str, most:
     Raises:
         InputError: If it has more than `most`.
     """
+    # As whole numbers of Python they are multiplied without wrapping round.
     sides = [int(side) for side in shape]
     if sides[0] * sides[1] * sides[2] > most:
         size = " x ".join(f"{side:,}" if side < 1e12 else f"{side:.3g}" for side in sides)

@@ -72,6 +72,7 @@ def walk_rays(
     first, interval = (to_first_plane / length).T, (jnp.float32(1.0) / length).T
     flat_step = (jnp.sign(steps_index) * strides[None, :]).T
     start_flat = jnp.sum(start_index * strides[None, :], axis=1, dtype=jnp.int32)
+    # A masked ray has no steps, so it never moves on from this number, which no grid has: what marks voxels drops it.
     flat = jnp.where(mask, start_flat, jnp.iinfo(jnp.int32).max)
     # All rays walk as many rounds as the longest one has steps; those that have ended stand still.
     num_rounds = jnp.max(jnp.sum(steps, axis=0, dtype=jnp.int32), initial=0)
@@ -199,6 +200,7 @@ def grid_from_points(
         raise InputError(f"max_range needs sensor_origins, got max_range={max_range!r} without them.")
     if not len(cloud):
         return np.full((1, 1, 1), UNKNOWN, np.uint8), np.zeros(3, np.float32)
+    # Without sensors each point is a ray of no length, so that one box serves both cases.
     starts = cloud if sensor_origins is None else _checked_origins(sensor_origins, len(cloud))
     ends, is_hit = _cut_rays(starts, cloud, max_range)
     low, shape = _lattice_box(np.concatenate([starts, ends]), voxel_size, max_voxels)
@@ -207,6 +209,8 @@ def grid_from_points(
     states = np.full(shape, UNKNOWN, np.uint8)
     if sensor_origins is not None:
         _check_steps(starts, ends, voxel_size)
+        # Places are counted from the grid's corner in float64, so that they are small by the time that
+        # they become float32.
         states[crossed_voxels(starts / voxel_size - low, ends / voxel_size - low, shape)] = FREE
     hits = np.floor(ends[is_hit] / voxel_size).astype(np.int64) - low
     states[tuple(hits.T)] = OCCUPIED
@@ -216,6 +220,7 @@ def grid_from_points(
 def _split(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Voxel index int32 and offset float32 in [0, 1) of places given in voxels."""
     index = np.floor(places)
+    # The difference is taken in float64, and is small: rounded before, it would lose the digits that the index takes.
     return index.astype(np.int32), (places - index).astype(np.float32)
 
 
@@ -260,6 +265,7 @@ def _cut_rays(starts: np.ndarray, ends: np.ndarray, max_range: float | None) -> 
     limit = check_positive("max_range", max_range, "m")
     length = np.linalg.norm(ends - starts, axis=1)
     is_hit = length <= limit
+    # Hits keep their ends; the bound only keeps rays of length 0 from dividing by it.
     scale = np.where(is_hit, 1.0, limit / np.maximum(length, limit))[:, None]
     return np.where(is_hit[:, None], ends, starts + (ends - starts) * scale), is_hit
 
@@ -284,6 +290,7 @@ def _lattice_box(
     places: np.ndarray, voxel_size: float, max_voxels: int
 ) -> tuple[np.ndarray, tuple[int, int, int]]:
     """Lowest voxel index int64 (3,) and the shape of the smallest lattice box around places [m]."""
+    # Numbers of voxels stay float64 until they are bounded: whole numbers would wrap round before that.
     low = np.floor(places.min(axis=0) / voxel_size)
     size = np.floor(places.max(axis=0) / voxel_size) - low + 1.0
     if float(np.prod(size)) > max_voxels:

@@ -63,6 +63,7 @@ def _check_result(
         has_log_odds: Whether there are log-odds beside the states.
     """
     what, advice = "the map at the new voxel size", "choose a larger voxel size"
+    # The result has so many voxels or, along an axis where it begins within one, one more.
     sides = np.maximum(np.floor(np.asarray(shape) * (voxel_size / new_voxel_size)), 1.0)
     check_num_voxels(sides, what, advice)
     check_places((np.stack([base, base + shape]) * voxel_size).astype(np.float32), new_voxel_size)
@@ -97,6 +98,7 @@ def _apply(values: np.ndarray, plans: list[tuple[int, np.ndarray, bool]]) -> np.
     def fill(start: int) -> None:
         rows = index[start : start + planes]
         if is_coarser:
+            # A new plane takes all old ones up to where the next new one begins.
             end = index[start + planes] if start + planes < len(index) else len(values)
             part = _largest(values[rows[0] : end], 0, rows - rows[0])
         else:
@@ -117,6 +119,7 @@ def _largest(values: np.ndarray, axis: int, first: np.ndarray) -> np.ndarray:
     """
     last = np.append(first[1:], values.shape[axis]) - 1
     largest = _entries(values, axis, first)
+    # Runs of one ratio differ in length by little, so that few entries are looked at twice.
     for step in range(1, int((last - first).max()) + 1):
         # A run that has ended gives its last entry again.
         largest = np.maximum(largest, _entries(values, axis, np.minimum(first + step, last)))

@@ -72,6 +72,7 @@ def lookup_chunk(
     ]
     i, j, k = (jnp.floor(axis + TIE).astype(jnp.int32) for axis in coordinates)
     is_inside = is_within(i, source_shape[0]) & is_within(j, source_shape[1]) & is_within(k, source_shape[2])
+    # Outside of the source the product may wrap round, and voxel 0 is looked up in its place.
     return jnp.where(is_inside, (i * source_shape[1] + j) * source_shape[2] + k, 0), is_inside
 
 
@@ -128,6 +129,7 @@ def resample_rigid(
         InputError: If the result would have more than 2**31 - 1 voxels, or needs more memory than there is.
     """
     low, high = moved_bounds(states, origin, voxel_size, T, voxel_size)
+    # Where nothing is known, both bounds are one, and a single unknown voxel stands for it.
     shape = np.maximum(high - low, 1)
     advice = "crop it to its known part or coarsen it first"
     check_num_voxels(shape, "the moved map", advice)

@@ -43,6 +43,7 @@ def central_sums(sums: Int[Array, "14 n"]) -> WindowSums:
     share = 1 / jnp.maximum(count, 1).astype(jnp.float32)
     pairs = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     scatter = [count * second[k] - first[i] * first[j] for k, (i, j) in enumerate(pairs)]
+    # Each free voxel's offset is from the mean, so the mean comes off as often as there are free voxels.
     lean = [count * f - free_count * s for f, s in zip(free, first, strict=True)]
     return WindowSums(
         count,

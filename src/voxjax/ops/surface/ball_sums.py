@@ -44,6 +44,7 @@ def window_sums(
     half = size // 2
     columns = _columns(size)
     steps = packed.steps(jnp.asarray(columns[:, 0]), jnp.asarray(columns[:, 1]))
+    # A column of the window has `size` bits, so that those of a small window fit a byte.
     narrow = jnp.uint8 if size <= small else jnp.uint32
     masks = jnp.asarray(columns[:, 2], jnp.uint32)[:, None]
     occupied, free = (
@@ -66,6 +67,7 @@ def window_sums(
         (z, 0, 1),
     )
     rows = [_weighted_sum(occupied, columns, *term) for term in terms]
+    # Free voxels only tell on which side space is free: their products are not needed.
     rows += [_weighted_sum(free, columns, *term) for term in terms[:4]]
     return jnp.stack(rows)
 
@@ -74,6 +76,7 @@ def _columns(size: int) -> np.ndarray:
     """Columns of the ball: x, y, and the bits along z that belong to it; int32 (k, 3), in the order of x."""
     bits: dict[tuple[int, int], int] = {}
     for x, y, z in ball_offsets(size).tolist():
+        # Bit 0 is the lowest voxel of the window, for `window_sums` is given where that one lies.
         bits[x, y] = bits.get((x, y), 0) | 1 << (z + size // 2)
     return np.asarray([(x, y, mask) for (x, y), mask in bits.items()], np.int32)
 
@@ -100,6 +103,7 @@ def _digits(weights: np.ndarray) -> _Digits:
         )
         masks.append((counted, flipped, 1 << digit))
         excess += flipped.bit_count() << digit
+    # A digit that no weight has would count nothing: 9, 4 and 1 have no twos.
     return _Digits(tuple(mask for mask in masks if mask[0]), excess)
 
 
@@ -108,6 +112,8 @@ def _weighted_sum(bits: Array, columns: np.ndarray, digits: _Digits, power_x: in
 
     Planes of equal x are summed first, in 8 bits where they fit: four times as many at once as in 32.
     """
+    # Sums along z are negative only where weights are, and a product with y only for odd powers; the
+    # others have a bit more.
     is_signed = digits.excess > 0 or power_y == 1
     small = bits.dtype == jnp.uint8
     narrow, wide = (

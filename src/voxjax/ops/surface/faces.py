@@ -119,6 +119,7 @@ def _faces_kernel(
     chunk = 64
     margin = int(np.ceil(3 * last)) + 4
     strides = jnp.stack([shape[1] * shape[2], shape[2], jnp.ones_like(shape[2])])
+    # The end is half a step beyond the last sample, so that rounding does not lose it.
     steps = jnp.arange(first, last + 0.5, 1.0, dtype=jnp.float32)
     signs = jnp.asarray(OCTANT_SIGNS, jnp.float32)
 
@@ -140,6 +141,7 @@ def _faces_kernel(
         for i in range(3):
             j, k = (i + 1) % 3, (i + 2) % 3
             # Samples of the quarter plane: every voxel along both edges, on the octant's side of the other planes.
+            # The axes are octants, steps along one edge, steps along the other, and x, y, z.
             along_j = steps[None, :, None, None] * signs[:, None, None, j, None] * edges[j][None, None, None]
             along_k = steps[None, None, :, None] * signs[:, None, None, k, None] * edges[k][None, None, None]
             points = centre[None, None, None] + along_j + along_k

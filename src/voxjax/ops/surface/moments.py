@@ -94,6 +94,7 @@ def _moments_on_host(
     sides = np.asarray(states.shape, np.uint32)
 
     def moments(rows: np.ndarray, count: np.int32) -> SurfaceMoments:
+        # Rows of padding are not checked: they name the first voxel, which an empty grid has not.
         if (rows[:count].view(np.uint32) >= sides).any():  # negative ones are large as such
             raise InputError(f"index must hold voxels inside the grid of {states.shape} voxels.")
         return _moments_of_piece(packed, rows, size=size, reach=reach)

@@ -89,6 +89,7 @@ def neighbourhood(
     cells = front + rows @ gapped
     table = reserve(2 * front + int(np.prod(np.asarray(shape, np.int64) + half)), dtype=np.uint32)
     table[cells] = np.arange(1, len(rows) + 1, dtype=np.uint32)
+    # A voxel that is listed twice keeps the number of its last row, so that the first one reads another than its own.
     if np.count_nonzero(table[cells] == np.arange(1, len(rows) + 1, dtype=np.uint32)) != len(rows):
         raise InputError("index must list each voxel once.")
 
@@ -140,6 +141,8 @@ def _list_window(
     place[order] = np.arange(len(cells), dtype=np.int32)
     strips = -(-degree[order[::lanes]] // _DEPTH)
     before = np.concatenate([[0], np.cumsum(strips)])
+    # The neighbours of a voxel follow each other in its lane, one `lanes` further on than the one before. The running
+    # number below counts words of all voxels, so those of the voxels before are taken off.
     start = before[place // lanes] * _DEPTH * lanes + place % lanes - (np.cumsum(degree) - degree) * lanes
     target = np.repeat(start, degree) + np.arange(degree.sum()) * lanes
     return _Window(np.concatenate(words), target, strips, place)
@@ -148,11 +151,14 @@ def _list_window(
 def _lay_out(windows: list[_Window], window: int, lanes: int, length: int) -> Neighbourhood:
     """One table of all windows."""
     strips = np.concatenate([np.zeros(1, np.int64), *(part.strips for part in windows)])
+    # Pieces of padding begin and end behind the last strip: they have nothing to add.
     first = np.full(length // lanes + 1, strips.sum(), np.int32)
     first[: len(strips)] = np.cumsum(strips)
     of_strip = _DEPTH * lanes
     num_strips = table_lengths(max(int(strips.sum()) * of_strip, 1), 0)[0] // of_strip
+    # Words that are not written are zeros, and a word of zeros is no neighbour.
     flat = reserve(num_strips * of_strip, dtype=np.uint32)
+    # Rows of padding stay in their place, where sums are 0.
     place = np.arange(length, dtype=np.int32)
 
     def write(number: int) -> None:
@@ -199,6 +205,7 @@ def ball_sums(weights: Float[Array, "m"], neighbours: Neighbourhood) -> Float[Ar
 
 def _sums(neighbours: Neighbourhood, weights: Float[Array, "length"]) -> Float[Array, "10 length"]:
     """The sums, piece by piece."""
+    # Rows count from 1: what is no neighbour looks up this 0, and needs no mask.
     table = jnp.concatenate([jnp.zeros(1, weights.dtype), weights])
 
     def look(strip: Array) -> tuple[Array, Array]:
@@ -211,6 +218,8 @@ def _sums(neighbours: Neighbourhood, weights: Float[Array, "length"]) -> Float[A
         for word, weight in zip(words, found, strict=True):
             parts = (weight, *(weight * term for term in _monomials(word, weight.dtype)))
             totals = tuple(total + part for total, part in zip(totals, parts, strict=True))
+        # After the last strip of a piece one more is looked up, of the next piece or, at the end of the table, that one
+        # again; it is not added.
         return totals, look(strip + 1)
 
     def sum_piece(ends: tuple[Array, Array]) -> Array:
@@ -229,6 +238,8 @@ def _transposed_sums(neighbours: Neighbourhood, sums: Float[Array, "10 length"])
         for word in jax.lax.dynamic_index_in_dim(neighbours.words, strip, keepdims=False):
             one, x, y, z, xx, yy, zz, xy, xz, yz = (_take(column, word) for column in columns)
             u, v, w = _monomials(word, sums.dtype)[:3]
+            # The neighbour sees the voxel at the mirrored offset: x, y and z change their sign, products
+            # of two keep theirs.
             total = total + (
                 one + u * (u * xx + v * xy + w * xz - x) + v * (v * yy + w * yz - y) + w * (w * zz - z)
             )

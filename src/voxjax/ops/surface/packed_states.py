@@ -57,6 +57,7 @@ class PackedStates(NamedTuple):
             row.at[group].get(mode="promise_in_bounds", wrap_negative_indices=False) >> shift
             for row in self.words
         ]
+        # Above the bits of a window lie those of other voxels, or of the other state: whoever asked masks them off.
         return (found[0], found[0] >> 16) if len(found) == 1 else (found[0], found[1])
 
 
@@ -75,12 +76,15 @@ def pack_states(states: UInt8[Array, "x y z"], *, margin: int) -> PackedStates:
     widths = [(margin, margin), (margin, margin), (front, GROUP * shape[2] - front - states.shape[2])]
     # Four states are read as one word, a bit of each is gathered by one product; two such nibbles are a group.
     flat = jnp.pad(states.astype(jnp.uint8), widths).reshape(-1, 4)
+    # States 1 and 2, free and occupied, are bits 0 and 1 of their byte, so that a shift brings either to bit 0.
     quads = jax.lax.bitcast_convert_type(flat, jnp.uint32)
     nibbles = [
         (((quads >> np.uint32(state >> 1)) & np.uint32(0x01010101)) * GATHER_BITS) >> np.uint32(28)
         for state in (OCCUPIED, FREE)
     ]
     occupied, free = (pairs[0::2] | pairs[1::2] << np.uint32(4) for pairs in nibbles)
+    # A window begins at one of 8 bits and has 2 * margin + 1 of them: its own group and one more hold it up to a margin
+    # of 4, its own and three more up to one of 12.
     if margin <= SHARED_MARGIN:
         words = _with_next((occupied | free << np.uint32(16))[None], 1)
     else:

@@ -115,6 +115,7 @@ def _across(directions: tuple, line: Array, is_line: Array) -> tuple:
     x = (~is_along_x).astype(line.dtype)
     told = across(directions)
     is_told = _dot(told, told) > short
+    # The axis that is taken lies well off the line, so that what is left of it is never short.
     vector = tuple(
         jnp.where(is_told, t, a) for t, a in zip(told, across((x, 1 - x, jnp.zeros_like(x))), strict=True)
     )

@@ -66,6 +66,7 @@ def box_count_pallas(occupied: Array, size: int, *, margin: int = 0, interpret: 
     """
     words, side = _words(occupied), -(-margin // 4)
     counts = _count_words(words, size, margin, side, interpret)
+    # Counts leave in whole words, so up to three of them stand before those of the margin.
     first = 4 * side - margin
     return counts[:, :, first : first + occupied.shape[2] + 2 * margin]
 
@@ -108,6 +109,7 @@ def _count_words(words: jax.Array, size: int, margin: int, side: int, interpret:
         raise InputError(
             f"the kernel counts fewer than 2**31 windows, got {nx} x {ny} x {4 * num_words}: use tiles."
         )
+    # A short grid is one stretch: a program would count planes beyond it for nothing.
     num_lanes, stretch = -(-ny // _ROWS) * num_words, min(_STRETCH, nx)
     kernel = partial(
         _count_kernel,
@@ -144,6 +146,7 @@ def _count_kernel(words, pairs, *, shape, counts_shape, size, margin, side, stre
         columns = []
         for offset in range(-reach, reach + 1):
             at = word - side + offset
+            # The grid has no padding in memory: what lies beyond it is masked off and counts as empty.
             is_inside = (at >= 0) & (at < shape[2]) & (x >= 0) & (x < shape[0])
             loaded = []
             for row in range(-half, _ROWS + half):
@@ -163,6 +166,7 @@ def _count_kernel(words, pairs, *, shape, counts_shape, size, margin, side, stre
         odd = tuple(s + _high_bytes(n) - _high_bytes(o) for s, n, o in zip(odd, new, old, strict=True))
         x = x_first + k
         for row in range(_ROWS):
+            # The four counts go back to their order along z: those of bytes 0 and 1, then those of 2 and 3.
             first = (even[row] & _LOW) | jnp.left_shift(odd[row], np.uint32(16))
             second = jnp.right_shift(even[row], np.uint32(16)) | (odd[row] & _HIGH)
             mask = (k >= 0) & (x < nx) & (y + row < ny)
@@ -198,6 +202,7 @@ def _classify_kernel(occupied, counts, min_change, classes, *, shape, counts_sha
         here = count(0, 0, 0)
         # The same comparison of whole numbers as `classes.steady_directions`, so that both forms give one result.
         percent = jnp.clip(_load(min_change, jnp.zeros(_VOXELS, jnp.int32), None, None), 0, 400_000)
+        # The bound on the percentage keeps this product, for the largest count of 15**3, within int32.
         bound = percent * here
         steady = jnp.zeros(_VOXELS, jnp.int32)
         for dx, dy, dz in _directions():
@@ -232,6 +237,7 @@ def _sum_bytes(words: Sequence[jax.Array], half: int, reach: int) -> jax.Array:
         if byte == 0:
             total = total + words[word]
         else:
+            # Four bytes that begin within a word are put together of the end of that one and the start of the next.
             low = jnp.right_shift(words[word], np.uint32(8 * byte))
             total = total + (low | jnp.left_shift(words[word + 1], np.uint32(32 - 8 * byte)))
     return total

@@ -52,6 +52,7 @@ def summed_area(is_occupied: Array, size: int, margin: int = 0) -> jax.Array:
     for axis in range(3):
         length = table.shape[axis] + 2 * margin
         pad = [(0, 0)] * 3
+        # One zero more stands in front, so that the first window has a sum before it to take off, like all others.
         pad[axis] = (half + margin + 1, half + margin)
         sums = jnp.cumsum(jnp.pad(table, pad), axis=axis, dtype=jnp.uint32)
         high = jax.lax.slice_in_dim(sums, size, size + length, axis=axis)
@@ -61,6 +62,8 @@ def summed_area(is_occupied: Array, size: int, margin: int = 0) -> jax.Array:
 
 def _sum_rows_and_planes(counts: Array, size: int) -> jax.Array:
     """Sum the sums along z over y and x; barriers keep XLA from doing one pass again for each term of the next."""
+    # The sums over z and y are 15**2 at most and fit a byte; of those over x as many terms are added in
+    # bytes as fit one.
     counts = _sum_along(jax.lax.optimization_barrier(counts), 1, size, size)
     return _sum_along(jax.lax.optimization_barrier(counts), 0, size, 255 // size**2).astype(jnp.uint16)
 

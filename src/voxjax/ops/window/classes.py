@@ -25,6 +25,7 @@ from .box_sums import separable
 
 def shift_directions(shift: int) -> np.ndarray:
     """The 13 directions of a voxel lattice as moves by `shift` voxels along one, two or three axes, int32 (13, 3)."""
+    # A direction and its opposite are one: a change is looked for both ways.
     directions = [d for d in product((-1, 0, 1), repeat=3) if d > (0, 0, 0)]
     return shift * np.asarray(directions, np.int32)
 
@@ -57,6 +58,7 @@ def count_change(occupied: Occupied, *, size: int = 7, shift: int = 4) -> UInt8[
     counts = _counts_with_margin(occupied, size, shift)
     # In float32, which vectors divide: whole numbers below 2**20 are exact, and `_whole_ratio` mends the quotient.
     here = _moved(counts, occupied.shape, shift, np.zeros(3, np.int32)).astype(jnp.float32)
+    # An empty window has no percentage: its quotient is by 1, and its change is made 0.
     bound = jnp.maximum(here, jnp.float32(1))
     percent = []
     for ahead, behind in _pairs(counts, occupied.shape, shift):
@@ -138,6 +140,7 @@ def classes_of_counts(counts: Array, occupied: Array, min_change: Array, shift: 
     """Classes as `window_classes` from counts with a margin of `shift` voxels on every side."""
     steady = steady_directions(counts, min_change, occupied.shape, shift)
     three, one = jnp.uint16(3), jnp.uint16(1)
+    # A window that moves along a face keeps its count in many directions, along an edge in one, at a corner in none.
     kind = jnp.where(steady >= 2, one, three - steady)
     return jnp.where(jnp.asarray(occupied).astype(jnp.bool_), kind, jnp.uint16(0)).astype(jnp.uint8)
 
