@@ -24,6 +24,7 @@ def wide_bucket_size(count: int, smallest: int) -> int:
 
 def pad_rows(rows: np.ndarray, size: int, fill: float | int | np.ndarray = 0) -> np.ndarray:
     """Return `rows` with rows of `fill` (a number, or one whole row) appended up to `size` rows, same dtype."""
+    # NumPy's own `pad` knows one number for all columns, and a row of padding may have to be a whole matrix.
     padded = np.full((size, *rows.shape[1:]), fill, dtype=rows.dtype)
     padded[: len(rows)] = rows
     return padded

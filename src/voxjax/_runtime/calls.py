@@ -27,6 +27,7 @@ class Call(NamedTuple):
     def of(cls, args: tuple, kwargs: dict) -> "Call":
         """Take arguments apart."""
         leaves, structure = jax.tree.flatten((args, kwargs))
+        # NumPy's numbers count as arrays: another value of theirs is no other program.
         return cls(structure, leaves, [isinstance(x, (jax.Array, np.ndarray, np.generic)) for x in leaves])
 
     @property
@@ -47,6 +48,7 @@ class Call(NamedTuple):
         """What tells the call's program from others in this process; None if a program cannot be kept."""
         parts = []
         for leaf, is_array in zip(self.leaves, self.is_array, strict=True):
+            # Numbers and texts of Python become constants of the program, so their values belong to its key.
             if isinstance(leaf, (bool, int, float, str)):
                 # The type belongs to it: 1, 1.0 and True are equal, but make different programs.
                 parts.append((type(leaf), leaf))
@@ -54,11 +56,13 @@ class Call(NamedTuple):
                 parts.append((leaf.shape, leaf.dtype))
             else:
                 return None
+        # Options of JAX may hold for one thread, or for one block of code, so that each call asks for them.
         return self.structure, tuple(parts), jax_options()
 
     def digest(self, function: Callable[..., Any]) -> str | None:
         """What tells the program of this call of a function from those of all processes; None where nothing can."""
         # Objects that are told by their address have no name that another process knows.
+        # A class of the user's may change without any file of this package's changing.
         if not _is_known(self.structure) or " at 0x" in str(self.structure):
             return None
         parts = [
@@ -100,6 +104,7 @@ def _is_known(structure: Any) -> bool:
     """Whether all types of a structure have code that `version_digest` tells apart."""
     known = ("builtins", "jax.", "jaxlib.", "numpy", "voxjax.")
     data = structure.node_data()
+    # The dot behind the name keeps a module such as `voxjax_extra` from passing for one of voxjax.
     if data is not None and not f"{data[0].__module__}.".startswith(known):
         return False
     return all(_is_known(child) for child in structure.children())

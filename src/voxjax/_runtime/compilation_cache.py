@@ -23,6 +23,7 @@ def default_cache_folder() -> Path:
         InputError: If the user has neither a home nor `XDG_CACHE_HOME`.
     """
     base = os.environ.get("XDG_CACHE_HOME")
+    # A variable that is set but empty counts as not set, as the specification has it.
     if base and not Path(base).is_absolute():
         warnings.warn(
             f"XDG_CACHE_HOME is the relative path {base!r}, which is ignored; compiled kernels are kept in ~/.cache.",
@@ -43,6 +44,7 @@ def keep_quickly_compiled_kernels() -> None:
     """
     import jax
 
+    # With 0 JAX may set a least size of its own for some file systems; -1 keeps entries of any size.
     for name, value in (("min_compile_time_secs", 0.0), ("min_entry_size_bytes", -1)):
         if f"JAX_PERSISTENT_CACHE_{name.upper()}" not in os.environ:
             jax.config.update(f"jax_persistent_cache_{name}", value)
@@ -82,6 +84,7 @@ def use_compilation_cache(folder: str | os.PathLike | None = None) -> Path:
         raise InputError(
             f"compiled kernels cannot be kept in {path}: {error.strerror}; name another folder."
         ) from error
+    # JAX runs what it finds there without asking whose it is, so that is asked before it looks.
     if count := remove_foreign_files(path, "-cache"):
         warnings.warn(
             f"{count} kernels in {path} were links, belonged to someone else or could be written by others; they are "

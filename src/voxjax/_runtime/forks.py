@@ -50,6 +50,7 @@ def _after_fork() -> None:
     # JAX starts its threads with its backends. Its public functions would start them too, and those that only look
     # take a lock, which a thread may hold that the fork has not copied.
     bridge = sys.modules.get("jax._src.xla_bridge")
+    # What a stranded process lacks, the processes that are forked from it lack as well.
     _is_stranded = _is_stranded or bool(getattr(bridge, "_backends", None))
 
 

@@ -28,6 +28,8 @@ class Loader:
     def start(self) -> None:
         """Begin to load ahead, in the background."""
         if any(self.folder.iterdir()):
+            # It is no daemon: Python would stop a daemon in the middle of a compilation, whereas this one is waited
+            # for, and ends after the program at hand.
             threading.Thread(target=self._load_ahead, name="voxjax programs").start()
 
     def end(self) -> None:
@@ -45,6 +47,7 @@ class Loader:
         if is_first:
             try:
                 future.set_result(load())
+            # Others may wait for this future, also when it is Ctrl-C that ends the load.
             except BaseException as error:
                 with self._lock:
                     self._loads.pop(path, None)  # whoever asks again tries again

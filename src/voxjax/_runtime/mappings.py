@@ -25,6 +25,7 @@ def release_kernels_if_crowded(*, max_share: float = 0.6) -> bool:
         Whether kernels were dropped.
     """
     mappings = mappings_in_use()
+    # This is asked between pairs: the rest has to hold what the next pair compiles.
     if mappings is None or mappings[0] < max_share * mappings[1]:
         return False
     # Mappings belong to kernels: they go once nobody can call a kernel any more.

@@ -20,6 +20,7 @@ def available_memory(root: Path = Path("/")) -> int | None:
         root: Where the system's own files are found.
     """
     machine = _machine_memory(root)
+    # A container may be granted more than the machine has left, and the machine more than the container.
     bounds = [*_group_memory(root), *([] if machine is None else [machine])]
     return max(min(bounds), 0) if bounds else None
 
@@ -101,6 +102,7 @@ def _machine_memory(root: Path) -> int | None:
     kilobytes = _numbers(root / "proc/meminfo")
     # MemAvailable counts caches that the system gives up; free pages alone would say far too little.
     if "MemAvailable:" in kilobytes:
+        # What the file calls kB are 1024 bytes.
         return 1024 * (kilobytes["MemAvailable:"] + kilobytes.get("SwapFree:", 0))
     for name in ("SC_AVPHYS_PAGES", "SC_PHYS_PAGES"):
         if name in getattr(os, "sysconf_names", {}):
@@ -120,6 +122,7 @@ def _group_memory(root: Path) -> Iterator[int]:
         return
     for line in lines:
         _, controllers, path = line.split(":", 2)
+        # The one line of version 2 names no controllers; version 1 has a line for each set of them.
         if controllers == "":
             yield from _limits(root / "sys/fs/cgroup", path, *names)
         elif "memory" in controllers.split(","):
@@ -128,6 +131,7 @@ def _group_memory(root: Path) -> Iterator[int]:
 
 def _limits(mount: Path, path: str, limit: str, usage: str, reclaimable: str) -> Iterator[int]:
     group = mount / path.lstrip("/")
+    # Inside a container the path may be that on the host, of which some folders are not there; these are passed over.
     for folder in (group, *group.parents):
         if not folder.is_relative_to(mount):
             return

@@ -159,6 +159,7 @@ def sum_over_pieces(
     # Each piece is padded once, however many groups of poses meet it.
     padded = each_piece(lambda *piece: piece, lists, size=size, run=one_by_one)
     found = spread(sums_of, product(padded, groups))
+    # `product` has all groups of poses of one piece before those of the next.
     sums = [np.concatenate(found[k : k + len(groups)]) for k in range(0, len(found), len(groups))]
     # The order of the pieces is fixed, so that the number of cores changes no bit.
     return np.stack(sums).sum(axis=0, dtype=np.float64)

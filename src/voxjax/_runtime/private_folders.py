@@ -29,10 +29,12 @@ def private_folder(path: Path) -> Path:
     # Folders are made one by one: `mkdir(parents=True)` would make the folders above with the default mode.
     missing = [folder for folder in (path, *path.parents) if not os.path.lexists(folder)]
     for folder in reversed(missing):
+        # Another process may make it first: whoever did, it is checked below.
         folder.mkdir(mode=0o700, exist_ok=True)
     if not path.is_dir():
         raise NotADirectoryError(20, "Not a directory", str(path))
     try:
+        # Both are asked, the link and what it leads to: whoever owns the link may lead it elsewhere later.
         _check_owner(path.lstat(), str(path), is_link=path.is_symlink())
         _check_owner(path.stat(), str(path))
         _check_above(path)
@@ -52,6 +54,7 @@ def read_private(path: Path) -> bytes:
         OSError: If it cannot be read; a link is never followed.
     """
     names = ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY")  # a pipe without a writer would wait for one
+    # Not all systems have all of these flags; one that is missing is left out.
     flags = os.O_RDONLY
     for name in names:
         flags |= getattr(os, name, 0)
@@ -115,6 +118,7 @@ def _check_above(path: Path) -> None:
     # A link on the way lies in folders of its own, beside those above what it leads to.
     for folder in dict.fromkeys((*path.absolute().parents, *path.resolve().parents)):
         status = folder.stat()
+        # The system's own user, 0, can write everywhere in any case.
         if {folder.lstat().st_uid, status.st_uid} - {os.geteuid(), 0}:
             raise NotPrivateError(f"{folder} above it belongs to someone else")
         # The sticky bit, as /tmp has it, keeps what lies in a folder with its owners.

@@ -55,6 +55,7 @@ class Program(NamedTuple):
 
     def runner(self, call: Call) -> Callable[..., Any] | None:
         """The program as a function of the arrays of a call; None if it takes others, or its results are unknown."""
+        # A file under a wrong name must not run on arrays that it was not traced for.
         if [(each.shape, each.dtype) for each in self.shapes] != [(x.shape, x.dtype) for x in call.arrays]:
             return None
         try:
@@ -72,6 +73,7 @@ class Program(NamedTuple):
 
     def compile(self) -> None:
         """Compile the program's kernel, or load it, so that the next call finds it."""
+        # The thread that loads ahead has settings of its own: the program needs those that it was traced with.
         with jax.enable_x64(self.is_double):
             self.jitted.lower(*self.shapes).compile()
 

@@ -63,7 +63,9 @@ def kept_program(function: Callable[P, R]) -> Callable[P, R]:
         key = taken.key()
         if key is None:
             return function(*args, **kwargs)
+        # Two threads may come here for one key: `Loader.once` has the program loaded by one of them.
         if (loader.folder, key) not in programs:
+            # None is kept as well, so that what cannot be written down is tried once only.
             programs[loader.folder, key] = _program_of(function, taken, loader)
         program = programs[loader.folder, key]
         return function(*args, **kwargs) if program is None else program(*taken.arrays)

@@ -37,6 +37,7 @@ def _plain(tree: Any) -> Any:
         return None
     if kind is int:  # leaves are numbered
         return "array"
+    # These types themselves are meant: named tuples are tuples too, and would lose their names.
     if kind in (tuple, list):
         return [kind.__name__, *map(_plain, tree)]
     if kind is dict and all(isinstance(name, str) for name in tree):
@@ -73,5 +74,6 @@ def _named_tuple(module: str, name: str) -> Any:
         return None
     # Only what stands there: asking a package for a name may import the module that defines it.
     kind = vars(sys.modules[module]).get(name) if module in sys.modules else None
+    # A module also holds classes that it only imports: a class counts where it is defined, under its one name.
     is_named = isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields")
     return kind if is_named and kind.__module__ == module else None

@@ -72,6 +72,7 @@ def table_length(num_cells: int, smallest: int = 1 << 25) -> int:
     length = smallest
     while length < num_cells:
         length *= 8 if length == smallest else 2
+    # The last doubling would give 2**31 cells, which int32 does not count.
     return min(length, MAX_CELLS)
 
 
@@ -82,8 +83,10 @@ def reserve(length: int, *row: int, dtype: np.typing.DTypeLike) -> np.ndarray:
     """
     kind = np.dtype(dtype)
     count = length * int(np.prod(row, dtype=np.int64))
+    # The operating system maps no memory of length 0.
     if count == 0:
         return np.zeros((length, *row), kind)
+    # The array holds on to the mapping, which is given back with it.
     return np.frombuffer(_pages(count * kind.itemsize), kind, count).reshape(length, *row)
 
 

@@ -18,6 +18,7 @@ def num_cores() -> int:
     return os.cpu_count() or 1
 
 
+# `is_piece` is set in the threads of the pool alone: by it a piece knows that it is one.
 _inside = threading.local()
 
 
@@ -29,6 +30,7 @@ def spread(function: Callable[[T], R], items: Iterable[T]) -> list[R]:
     """
     if getattr(_inside, "is_piece", False):
         return [function(item) for item in items]
+    # The cores are counted at each call, for a process may be given others while it runs.
     pool = _pool(num_cores())
     pieces = [pool.submit(function, item) for item in list(items)]  # all are known before the first begins
     try:

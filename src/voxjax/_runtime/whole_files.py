@@ -78,6 +78,7 @@ def write_files(
         InputError: As in `check_writable`, or if one cannot be written: a full disk, a limit of size.
     """
     written: list[tuple[Path, Path]] = []
+    # The inner stack ends first: old files get their names back before temporary names are removed, theirs included.
     with contextlib.ExitStack() as temporaries, contextlib.ExitStack() as renames:
         for name, data in contents.items():
             path = check_writable(name, force=force)
@@ -106,9 +107,11 @@ def _temporary(path: Path, temporaries: contextlib.ExitStack) -> Path:
 
 def _write(temporary: Path, data: bytes, mode: int, is_durable: bool) -> None:
     """Write, flush and close a new file; a full disk may show at each of these steps."""
+    # O_EXCL fails on any name that is there, so nothing is written through a link that somebody has put in its place.
     flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
     with open(os.open(temporary, flags, mode), "wb") as file:
         file.write(data)
+        # `fsync` brings to the disk what the system holds, and knows nothing of what Python still holds back.
         file.flush()
         if is_durable:
             os.fsync(file.fileno())
@@ -158,6 +161,7 @@ def _mode_of(path: Path) -> int | None:
     try:
         return path.stat().st_mode
     except OSError as error:
+        # Nothing there, a file where a folder should be, and links in a circle: none of them leads to anything.
         if error.errno in (errno.ENOENT, errno.ENOTDIR, errno.ELOOP):
             return None
         raise
