@@ -45,6 +45,7 @@ class Budget(NamedTuple):
         chosen, available = chosen_memory(), available_memory()
         # Whoever names a largest grid has said what the file may take; the machine's memory is the only bound then.
         justified = float(max(least, per_byte * self.size)) if self.max_voxels is None else math.inf
+        # The user's word comes first; then the smaller of the two bounds is the one that the refusal has to name.
         if chosen is not None:
             return chosen, f"VOXJAX_MEMORY allows {chosen / GIGABYTE:.3g} GB"
         if available is not None and available < justified:

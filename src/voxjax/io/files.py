@@ -23,6 +23,7 @@ def read_bytes(path: str | os.PathLike, *, most: int | None = None) -> bytes:
             message is for a sentence that names it.
     """
     try:
+        # The name is asked about before it is opened, for to open a device may have effects of its own.
         _check_kind(Path(path).stat().st_mode)
         # The name may lead to a pipe by now, and opening that waits for a writer unless told not to.
         flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
@@ -34,6 +35,7 @@ def read_bytes(path: str | os.PathLike, *, most: int | None = None) -> bytes:
             Budget(status.st_size).check(status.st_size, "the file itself")
             return file.read(status.st_size)
     except (OSError, ValueError) as error:
+        # An `InputError` is a `ValueError`, too, and has its sentence already.
         if isinstance(error, InputError):
             raise
         raise InputError(f"{getattr(error, 'strerror', None) or error}") from error

@@ -16,6 +16,7 @@ from .npz import decode_npz, encode_npz
 from .octomap import decode_bt, decode_ot, encode_bt, encode_ot
 from .ply import decode_ply, encode_ply
 
+# Clouds are no maps before they get a voxel size, so that `read_map` decodes them by itself.
 _DECODERS = {".bt": decode_bt, ".ot": decode_ot, ".npz": decode_npz}
 _ENCODERS = {".bt": encode_bt, ".ot": encode_ot, ".npz": encode_npz, ".ply": encode_ply}
 ENDINGS = tuple(_ENCODERS)
@@ -66,6 +67,7 @@ def read_map(
                 f"sensor_origins and max_range belong to clouds (.ply), not to {ending} maps; leave them out"
             )
         grid = _DECODERS[ending](read_bytes(path), max_voxels=max_voxels)
+        # A file may put its map so far out that float32 cannot tell one voxel from the next.
         check_places(np.stack(grid.extent), grid.voxel_size)
         return grid if voxel_size is None else grid.with_voxel_size(voxel_size)
     except InputError as error:
@@ -112,6 +114,7 @@ def _as_path(path: object) -> Path:
 
 def _ending(path: Path) -> str:
     ending = path.suffix.lower()
+    # A folder whose name ends like a map's is told by whatever opens or replaces it.
     if ending not in _ENCODERS and path.is_dir():
         raise InputError(f"{path} is a folder; give the name of a file.")
     if ending not in _ENCODERS:

@@ -18,6 +18,7 @@ from .budget import Budget
 from .text_header import whole_number
 
 VERSION = 1
+# All are little endian, so that equal grids give equal bytes on all machines.
 _DTYPES = {
     "voxjax_map": np.dtype("<i4"),
     "states": np.dtype("|u1"),
@@ -76,6 +77,7 @@ def decode_npz(data: bytes, *, max_voxels: int | None = None) -> VoxelGrid:
     for name in ("voxjax_map", "states", "origin", "voxel_size"):
         if name not in names:
             raise InputError(f"the archive has no array {name!r}, so it is no voxjax map")
+    # The version is read before the other arrays, which may mean other things in a newer one.
     version = int(_read_array(archive, "voxjax_map", (), budget))
     if version != VERSION:
         raise InputError(f"the map has version {version}, and this voxjax reads version {VERSION}")
@@ -84,6 +86,7 @@ def decode_npz(data: bytes, *, max_voxels: int | None = None) -> VoxelGrid:
     voxel_size = float(_read_array(archive, "voxel_size", (), budget))
     log_odds = None
     if "log_odds" in names:
+        # The shape is that of the states, so log-odds of another one are refused before memory is taken for them.
         log_odds = _read_array(archive, "log_odds", states.shape, budget, held=states.nbytes)
     if states.size and states.max() > OCCUPIED:
         raise InputError(f"states must be 0 unknown, 1 free or 2 occupied, got {states.max()}")
@@ -113,6 +116,7 @@ class _Member:
             # Other methods pack a million bytes into one, and no program writes maps with them.
             if entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
                 raise InputError(f"the array {name!r} is compressed in a way that .npz files do not use")
+            # The lowest of these bits says that the member is encrypted.
             if entry.flag_bits & 1:
                 raise InputError(f"the array {name!r} is encrypted; write the map without a password")
             self._file = archive.open(entry)
@@ -208,10 +212,12 @@ def _read_npy_header(member: _Member, *, most: int = 4096) -> _NpyHeader | None:
     length = int.from_bytes(member.read(size), "little")
     if lead[:6] != b"\x93NUMPY" or not 0 < length <= most:
         return None
+    # NumPy writes these three keys in this order; a header of another form is that of no map.
     form = (
         r"\s*\{\s*'descr'\s*:\s*'([^']*)'\s*,\s*'fortran_order'\s*:\s*(True|False)\s*,"
         r"\s*'shape'\s*:\s*\(([0-9,\s]*)\)\s*,?\s*\}\s*"
     )
+    # Every byte is a letter of latin-1, so that it is the pattern that refuses what is no header.
     match = re.fullmatch(form, member.read(length).decode("latin-1"))
     if match is None:
         return None
@@ -226,11 +232,13 @@ def _fill(values: np.ndarray, member: _Member) -> bool:
     """Whether a member holds as many bytes as there is room for, which it then fills."""
     position = 0
     while position < len(values):
+        # Read at once, all bytes would be held twice, by `zipfile` and here.
         piece = member.read(min(len(values) - position, _MOST_AT_ONCE))
         if not piece:
             return False
         values[position : position + len(piece)] = np.frombuffer(piece, np.uint8)
         position += len(piece)
+    # No byte may follow; and `zipfile` compares the checksum only when it comes to the end.
     return not member.read(1)
 
 

@@ -34,6 +34,7 @@ from .octree import (
 LOG_ODDS_OCCUPIED = np.float32(math.log(0.971 / 0.029))
 LOG_ODDS_FREE = np.float32(math.log(0.1192 / 0.8808))
 
+# NumPy's records have no gaps between their fields unless told to, and neither have those of the files.
 _PLAIN_NODE = np.dtype([("log_odds", "<f4"), ("children", "u1")])
 _COLOR_NODE = np.dtype([("log_odds", "<f4"), ("rgb", "u1", 3), ("children", "u1")])
 
@@ -95,9 +96,11 @@ def _leaves_of_bt(data: bytes, header: Header) -> list[Leaves]:
             "the data hold an odd number of bytes, but nodes take two each (truncated or trailing bytes)"
         )
     words = np.frombuffer(data, "<u2", offset=header.start)
+    # A record has two bits for each of the eight children, those of the first child lowest.
     codes = (words[:, None] >> np.arange(0, 16, 2, dtype=np.uint16)).astype(np.uint8) & np.uint8(3)
     # Leaves stand in the word of their parent, so that inner nodes alone have records to walk.
     levels = walk_levels(codes == INNER)
+    # Every node but the root is one code that is not 0, in the record of its parent.
     _check_size(header.num_nodes, 1 + int(np.count_nonzero(codes)))
     if not words.all():
         raise InputError("an inner node has no children")
@@ -122,6 +125,7 @@ def _leaves_of_ot(data: bytes, header: Header) -> list[Leaves]:
             f"the data are no whole number of nodes of {node.itemsize} bytes (truncated or trailing bytes)"
         )
     nodes = np.frombuffer(data, node, offset=header.start)
+    # Here leaves have records as well, so all records are walked; colours are passed over.
     levels = walk_levels(np.unpackbits(nodes["children"][:, None], axis=1, bitorder="little").astype(bool))
     _check_size(header.num_nodes, len(nodes))
     if not np.isfinite(nodes["log_odds"]).all():
@@ -152,6 +156,7 @@ def encode_bt(grid: VoxelGrid) -> bytes:
         codes = levels[depth + 1].code[tuple(np.moveaxis(children, -1, 0))].astype(np.uint16)
         num_nodes += int(np.count_nonzero(codes))
         words.append((codes << np.arange(0, 16, 2, dtype=np.uint16)).sum(axis=1, dtype=np.uint16))
+        # A node's key is that of its lowest voxel, so that nodes of all levels are sorted together.
         keys.append((index + levels[depth].low) << (DEPTH - depth))
         depths.append(np.full(len(index), depth, np.uint8))
     order = pre_order(np.concatenate(keys), np.concatenate(depths))
@@ -176,10 +181,12 @@ def encode_ot(grid: VoxelGrid) -> bytes:
     # The most that was seen: 13 bytes for a voxel, most of them before nodes are made.
     check_memory(13.0 * states.size, "the map as .ot", "write it as .npz", on_device=False)
     if log_odds is None:
+        # States are the places in this table; what stands for unknown ones is never written.
         log_odds = np.array([0.0, LOG_ODDS_FREE, LOG_ODDS_OCCUPIED], np.float32)[states]
     levels = prune(states, _checked_log_odds(states, log_odds), low)
     _check_nodes(levels, ".ot", 1000)
     keys, depths, nodes = [], [], []
+    # The root is the one node of level 0. From it down, only nodes that exist are looked at, not the whole box.
     index = np.zeros((1, 3), np.int64)
     for depth, level in enumerate(levels):
         at = tuple(index.T)

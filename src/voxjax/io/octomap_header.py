@@ -52,6 +52,7 @@ def read_header(data: bytes) -> Header:
     for words, position in header_lines(data):
         if words and words[0] == "data":
             return _checked_fields(fields, position)
+        # Lines that are not known are passed over: other versions of OctoMap may write more of them.
         if len(words) >= 2 and not words[0].startswith("#"):
             fields[words[0]] = words[1]
     raise InputError("the header has no line 'data' (truncated or not an OctoMap file)")
@@ -82,6 +83,7 @@ def read_legacy_header(data: bytes) -> Header:
         InputError: If it is none.
     """
     fields = struct.Struct("<idI")  # tree type 3, resolution, number of nodes
+    # Such a file has no first line of text, so that the number of its tree type has to tell what it is.
     if len(data) < fields.size or data[:4] != b"\x03\x00\x00\x00":
         raise InputError(
             f"the first line must be {BINARY_LINE.decode()!r}, and there is no old-style header either"

@@ -46,6 +46,7 @@ def subtree_ends(num_children: np.ndarray) -> np.ndarray:
     # pending[i]: records announced before record i, less one; it falls below zero after the last.
     pending = np.zeros(len(num_children) + 1, np.int32)
     np.cumsum(num_children.astype(np.int32) - 1, out=pending[1:])
+    # A damaged file is refused here, by sums alone, before anything follows its structure.
     complete = np.flatnonzero(pending < 0)
     if not complete.size:
         raise InputError("the data end before the tree is complete (truncated)")
@@ -59,6 +60,8 @@ def subtree_ends(num_children: np.ndarray) -> np.ndarray:
     if pending.max() > most_pending:
         raise InputError("the tree is deeper than 16 levels")
     # A step goes down by one at most, so the subtree of i ends where `pending` first falls below pending[i].
+    # The sort is stable, because the search below wants the records of one level in their order; numbers of eight bits
+    # take it one pass.
     order = np.argsort(pending.astype(np.int8), kind="stable")
     bounds = np.searchsorted(pending[order], np.arange(-1, most_pending + 2))
     ends = np.empty(len(num_children) + 1, np.int64)
@@ -87,6 +90,7 @@ def walk_levels(has_record: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     levels = []
     for depth in range(DEPTH + 1):
         levels.append((record, key))
+        # At the last level this is 0: children below it are refused after the loop.
         half = NUM_KEYS >> (depth + 1)
         # In pre-order the first child follows its parent, and each other child the subtree of the one before.
         following = record + 1
@@ -166,6 +170,7 @@ def prune(states: np.ndarray, value: np.ndarray | None, low: np.ndarray) -> list
     levels = [TreeLevel(np.asarray(low, np.int64), states, value)]
     for _ in range(DEPTH):
         child = _pad_to_even(levels[-1])
+        # The padded level replaces its own, since the indices of `children_of` count from its corner.
         levels[-1] = child
         views = [child.code[i::2, j::2, k::2] for i, j, k in CHILD_OFFSETS]
         # Eight equal inner nodes are no leaf: what lies below them differs.
@@ -189,6 +194,7 @@ def prune(states: np.ndarray, value: np.ndarray | None, low: np.ndarray) -> list
 
 def children_of(levels: list[TreeLevel], depth: int, index: np.ndarray) -> np.ndarray:
     """Indices int64 (m, 8, 3), in the next level, of the children of nodes (m, 3) of a level."""
+    # Keys double from one level to the next; each level counts its indices from its own corner.
     first_child = 2 * (index + levels[depth].low) - levels[depth + 1].low
     return first_child[:, None, :] + CHILD_OFFSETS
 
@@ -211,6 +217,7 @@ def pre_order(key: np.ndarray, depth: np.ndarray) -> np.ndarray:
         ):
             bits = (bits | bits << np.uint64(shift)) & np.uint64(mask)  # spreads 16 bits to every third place
         code |= bits << np.uint64(axis)
+    # A parent has the key of its first child and must come before it: the depth, 16 at most, stands in five bits below.
     return np.argsort(code << np.uint64(5) | depth.astype(np.uint64))
 
 

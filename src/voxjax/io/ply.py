@@ -13,6 +13,7 @@ from ..grid import VoxelGrid
 from .budget import Budget
 from .text_header import header_lines, whole_number
 
+# Both families of names are in use: those of C, and those that say their width.
 _TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
     **dict.fromkeys(("uchar", "uint8"), "u1"),
@@ -59,6 +60,7 @@ def decode_ply(data: bytes) -> np.ndarray:
     if names.count("vertex") != 1:
         raise InputError("the header must have one element 'vertex'")
     before, vertex = elements[: names.index("vertex")], elements[names.index("vertex")]
+    # A dictionary loses one of two equal names, which the lengths tell below.
     properties = dict(vertex.properties)
     for axis in "xyz":
         if properties.get(axis) is None:
@@ -96,13 +98,16 @@ def _read_ascii(data: bytes, start: int, before: list[Element], vertex: Element,
     """Points (n, 3) of a file of text."""
     # A line holds one row of whatever element, lists included, so elements before the vertices are skipped by counting.
     first, width = sum(element.count for element in before), len(vertex.properties)
+    # Rows are counted before they are read, for `loadtxt` would take fewer for a whole cloud.
     num_rows = sum(1 for _ in _rows(data, start)) - first
     if num_rows < vertex.count or (is_last and num_rows > vertex.count):
         raise InputError(f"the header says {vertex.count:,} vertices, but {max(num_rows, 0):,} lines follow")
+    # NumPy warns about a table without rows, so it is only asked for one that has some.
     table = np.zeros((0, width))
     if vertex.count:
         try:
             rows = islice(_rows(data, start), first, first + vertex.count)
+            # No sign starts a comment among the rows of a cloud.
             table = np.loadtxt(rows, comments=None, ndmin=2)
         except ValueError as error:
             reason = str(error).partition(";")[0][:120].rstrip(".")
@@ -143,6 +148,7 @@ def _read_binary(
         )
     if is_last and num_bytes > vertex.count * row.itemsize:
         raise InputError(f"{num_bytes - vertex.count * row.itemsize} bytes follow after the last vertex")
+    # The records are read where they lie in the file, and only coordinates are copied.
     table = np.frombuffer(data, row, count=vertex.count, offset=start)
     dtype = np.float64 if any(table[axis].dtype.itemsize == 8 for axis in "xyz") else np.float32
     return np.stack([table[axis].astype(dtype) for axis in "xyz"], axis=1)
@@ -150,6 +156,7 @@ def _read_binary(
 
 def _read_header(data: bytes) -> tuple[str, list[Element], int]:
     """Format, elements and start of the data."""
+    # Lines end with a carriage return too where the file was written on Windows.
     if data[:4] not in (b"ply\n", b"ply\r"):
         raise InputError("the first line must be 'ply'")
     form, elements = "", []
