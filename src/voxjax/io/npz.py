@@ -48,6 +48,7 @@ def encode_npz(grid: VoxelGrid) -> bytes:
             entry.compress_type = zipfile.ZIP_DEFLATED
             # An entry's size is not known before it is written, and zipfile must be told that it may pass 2 GiB.
             with archive.open(entry, "w", force_zip64=True) as file:
+                # Values are written in C order, whatever their order in memory, so that equal grids give equal bytes.
                 np.lib.format.write_array(
                     file, np.asarray(array, _DTYPES[name], order="C"), allow_pickle=False
                 )
@@ -88,6 +89,7 @@ def decode_npz(data: bytes, *, max_voxels: int | None = None) -> VoxelGrid:
     if "log_odds" in names:
         # The shape is that of the states, so log-odds of another one are refused before memory is taken for them.
         log_odds = _read_array(archive, "log_odds", states.shape, budget, held=states.nbytes)
+    # Bytes are never negative, so the largest one tells of all.
     if states.size and states.max() > OCCUPIED:
         raise InputError(f"states must be 0 unknown, 1 free or 2 occupied, got {states.max()}")
     if not np.isfinite(origin).all():

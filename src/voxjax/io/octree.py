@@ -111,6 +111,7 @@ def bounding_box(leaves: list[Leaves]) -> tuple[np.ndarray, np.ndarray]:
     """Lowest key and number of voxels, int64 (3,) each, of the box around all leaves (at least one)."""
     # Keys are int32, but products of the lengths of a box are not.
     low = np.min([level.key.min(axis=0) for level in leaves], axis=0).astype(np.int64)
+    # Leaves of one level are equally wide, so the highest key of each level tells where that level ends.
     high = np.max([level.key.max(axis=0) + (NUM_KEYS >> level.depth) for level in leaves], axis=0)
     return low, high.astype(np.int64) - low
 

@@ -94,5 +94,6 @@ def _blocks_of(index: Int32[Array, "n 3"], *, lattice: tuple[int, int, int]) -> 
     """Say which blocks hold a listed voxel."""
     block = jnp.asarray(index) >> np.int32(3)
     place = (block[:, 0] * np.int32(lattice[1]) + block[:, 1]) * np.int32(lattice[2]) + block[:, 2]
+    # Many voxels write one flag, and all write True: no order of the writes matters.
     flags = jnp.zeros((lattice[0] * lattice[1] * lattice[2],), jnp.bool_).at[place].set(True, mode="drop")
     return flags.reshape(lattice)

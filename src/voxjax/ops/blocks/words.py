@@ -57,6 +57,7 @@ def _pack(occupied: Occupied) -> Words:
     if z % WORD:
         rows = jnp.pad(rows, ((0, 0), (0, 0), (0, -z % WORD)))
     words = pack_bits(rows.reshape(-1)).reshape(x, y, num_words)
+    # The margin is put around the words, which are an eighth of the bytes that the voxels take.
     return jnp.pad(words, ((BLOCK, whole[0] - BLOCK - x), (BLOCK, whole[1] - BLOCK - y), (1, 1)))
 
 

@@ -105,6 +105,7 @@ def point_feature_histograms(
     """
     if not 2 <= num_bins <= MOST_BINS:
         raise InputError(f"num_bins must be from 2 to {MOST_BINS}, got {num_bins!r}.")
+    # Both forms of the kernels compare float32 with float32, whatever type a caller's numbers have.
     scales = jnp.float32(radius), jnp.float32(spacing)
     if not are_numpy(points, normals, near):
         return _histograms_kernel(points, normals, near, *scales, num_bins=num_bins)

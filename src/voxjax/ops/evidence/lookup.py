@@ -108,5 +108,6 @@ def values_at(field: Array, cell: Array, is_inside: Array, outside: np.generic) 
 
 def turn_columns(rotation: Array, columns: Array) -> list[Array]:
     """Vectors as rows x, y and z, turned."""
+    # The product is written out: one of matrices may run in a lower precision on some devices.
     x, y, z = columns
     return [rotation[i, 0] * x + rotation[i, 1] * y + rotation[i, 2] * z for i in range(3)]

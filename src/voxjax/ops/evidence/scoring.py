@@ -151,6 +151,7 @@ def _sums_of_piece(field: SurfaceField | CodeField, *piece: Array) -> Float32[Ar
         found = jax.vmap(lambda T: field.sums(T, *columns))(step)
         return jax.lax.dynamic_update_slice_in_dim(sums, found, i * together, 0)
 
+    # The number of sums is asked of the shapes alone: nothing is computed for it.
     width = jax.eval_shape(field.sums, poses[0], *columns).shape[0]
     start = jnp.zeros((poses.shape[0], width), jnp.float32)
     num_steps = (count + together - 1) // together

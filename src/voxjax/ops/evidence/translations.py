@@ -77,6 +77,7 @@ class Placement(NamedTuple):
     @property
     def low_b(self) -> np.ndarray:
         """Low corner of b's box in the block's frame [m]."""
+        # Reversed, the high end of the box comes first, with its sign changed.
         return np.where(self.is_reversed, -(self.upright_low_b + self.box_b * self.cell), self.upright_low_b)
 
 
@@ -109,6 +110,7 @@ def _search_on_host(
 ) -> list[Peaks]:
     """`search_translations` in NumPy: each rotated map is transformed once, rotations side by side on all cores."""
     maps = a, b
+    # Tables go on past what is in them, and what follows means nothing.
     codes = [np.asarray(m.codes)[: int(np.prod(m.shape))].reshape(m.shape) for m in maps]
     columns = [np.ascontiguousarray(np.asarray(m.points)[: m.num_points].T) for m in maps]
     # `np.bincount` sums in float64, and would convert float32 weights anew for each rotation.
@@ -170,6 +172,7 @@ def _search_by_kernels(
     spectra_a, found = {}, []
     for place, shape in zip(placements, needed, strict=True):
         cells = shared[shape]
+        # An array cannot be a key, but its bytes can.
         key = cells, place.block_a.tobytes()
         if key not in spectra_a:
             spectra_a[key] = spectra(a, place.block_a, place.low_a, place.cell, cells)

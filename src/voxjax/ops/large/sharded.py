@@ -167,6 +167,7 @@ def _cleared_past(result: jax.Array, axis: int, name: str, parts: int, side: int
         return result
     shape = [1] * result.ndim
     shape[axis] = length
+    # All parts run one program: each knows only by its number where in the whole grid it lies.
     place = jax.lax.axis_index(name).astype(jnp.int32) * length + jnp.arange(length, dtype=jnp.int32)
     is_inside = jnp.broadcast_to((place < side).reshape(shape), result.shape)
     return jnp.where(is_inside, result, jnp.zeros((), result.dtype))

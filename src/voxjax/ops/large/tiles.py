@@ -166,6 +166,7 @@ def _check_target(run: Any, block_shape: tuple[int, ...], source: Sliceable, tar
     if jax.dtypes.canonicalize_dtype(dtype) != dtype:
         held = jax.dtypes.canonicalize_dtype(dtype)
         raise InputError(f"source has dtype {dtype}, which JAX would narrow to {held}; convert it first.")
+    # What the kernel makes is asked of its shapes alone, without a block.
     made = run.eval_shape(jax.ShapeDtypeStruct(block_shape, dtype))
     if made.shape[:3] != block_shape[:3]:
         raise InputError(

@@ -38,6 +38,7 @@ def backward_affine(
     # A rotation is inverted by transposing it: exact, and no linear solve has to be differentiated.
     inverse = jnp.swapaxes(jnp.asarray(T)[:3, :3], 0, 1)
     corner = jnp.asarray(target_origin) - T[:3, 3]
+    # The product is written as a sum: as one of matrices it may run in a lower precision on some devices.
     offset = (
         jnp.sum(inverse * corner[None, :], axis=1, dtype=inverse.dtype) - source_origin
     ) / source_voxel_size
@@ -62,6 +63,7 @@ def resample_nearest(
     Returns:
         Same dtype as `values`.
     """
+    # A source without voxels has none that places could be clipped to.
     if 0 in values.shape:
         return jnp.zeros(target_shape, values.dtype)
     tie = jnp.asarray(TIE, jnp.asarray(affine).dtype)

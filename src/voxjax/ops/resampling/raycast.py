@@ -89,6 +89,7 @@ def walk_rays(
         flat = flat + jnp.sum(jnp.where(moves, flat_step, 0), axis=0, dtype=jnp.int32)
         return done + 1, flat, counts + moves.astype(jnp.int32), visit(state, flat)
 
+    # The voxel of the start is visited before any step.
     carry = (jnp.int32(0), flat, jnp.zeros_like(steps), visit(state, flat))
     return jax.lax.while_loop(lambda c: c[0] < num_rounds, step, carry)[3]
 
@@ -212,6 +213,7 @@ def grid_from_points(
         # Places are counted from the grid's corner in float64, so that they are small by the time that
         # they become float32.
         states[crossed_voxels(starts / voxel_size - low, ends / voxel_size - low, shape)] = FREE
+    # Hits are divided and rounded down as the box was, so that none falls outside of it.
     hits = np.floor(ends[is_hit] / voxel_size).astype(np.int64) - low
     states[tuple(hits.T)] = OCCUPIED
     return states, (low * voxel_size).astype(np.float32)

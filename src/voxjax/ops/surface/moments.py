@@ -90,6 +90,7 @@ def _moments_on_host(
     packed = pack_on_host(states, margin=_margin(size, reach))
     # Constants of a function that is being traced are values all the same.
     with jax.ensure_compile_time_eval():
+        # The words are put there once for all pieces; JAX takes reserved memory as it is, without a copy.
         packed = packed._replace(words=jax.device_put(packed.words))
     sides = np.asarray(states.shape, np.uint32)
 

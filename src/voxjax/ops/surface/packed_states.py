@@ -123,6 +123,7 @@ def pack_on_host(states: UInt8[np.ndarray, "x y z"], *, margin: int) -> PackedSt
         planes[:, margin + start : margin + start + len(slab), inner] = packed
 
     spread(pack_slab, range(0, len(states), step))
+    # Height and depth are arrays, and so no part of a kernel's shapes: grids of all shapes share one.
     return PackedStates(words, np.asarray(shape[1], np.int32), np.asarray(shape[2], np.int32))
 
 

@@ -19,6 +19,7 @@ MAX_SIZE = 15
 MAX_SHIFT = 64
 """Farthest move of a window: windows share nothing from their own size on, and grids are padded by the move."""
 
+# These run on any device; the Pallas kernel runs on one kind alone, and is only imported where it is asked for.
 _PASSES = {
     "separable": box_sums.separable,
     "packed": box_sums.packed,
@@ -66,6 +67,7 @@ def box_count(
         from .box_pallas import box_count_pallas
 
         return box_count_pallas(jnp.asarray(occupied), size)
+    # The passes add up what they are given, so a byte of 2 has to count as one before.
     is_occupied = jnp.asarray(occupied).astype(jnp.bool_)
     return _PASSES[implementation or "separable"](is_occupied, size)
 

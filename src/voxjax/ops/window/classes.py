@@ -64,6 +64,8 @@ def count_change(occupied: Occupied, *, size: int = 7, shift: int = 4) -> UInt8[
     for ahead, behind in _pairs(counts, occupied.shape, shift):
         high = jnp.maximum(ahead, behind).astype(jnp.float32)
         low = jnp.minimum(ahead, behind).astype(jnp.float32)
+        # The larger of the two changes is up to the larger count or down to the smaller one: no signs
+        # need be taken off.
         change = jnp.float32(100) * jnp.maximum(high - here, here - low)
         change = jnp.where(here > 0, jnp.minimum(change, jnp.float32(255) * bound), jnp.float32(0))
         # As uint8 before they are stacked: the stack keeps all 13 in memory.
