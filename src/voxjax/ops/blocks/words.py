@@ -92,6 +92,7 @@ def occupied_blocks(words: Words) -> Bool[Array, "bx by bz"]:
     planes = functools.reduce(operator.or_, (rows[:, i] for i in range(BLOCK)))
     # Without the barrier XLA reads every word eight times over.
     planes = jax.lax.optimization_barrier(planes).reshape(lattice[0], *words.shape[1:])
+    # The margin is cut off here: it is empty, and its blocks are none of the lattice.
     inner = planes[:, BLOCK:-BLOCK, 1:-1].reshape(*lattice[:2], BLOCK, words.shape[2] - 2)
     columns = functools.reduce(operator.or_, (inner[:, :, i] for i in range(BLOCK)))
     shifts = jnp.arange(0, WORD, BLOCK, dtype=jnp.uint32)

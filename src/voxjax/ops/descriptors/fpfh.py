@@ -122,6 +122,7 @@ def _histograms(
     """`point_feature_histograms`, piece by piece or in one kernel."""
     work = ItemWork(near, from_host)
     xp, width, square = work.xp, 3 * num_bins, radius * radius
+    # Places and normals lie in one table, so that one lookup brings both.
     tables = work.tables(xp.concatenate([points, normals], axis=1).T)
 
     # First pass: the simple descriptor of each point, as counts of bytes.
@@ -141,6 +142,7 @@ def _histograms(
 
     histograms = work.by_parts(shares, work.add_up(simple, (num_bins, 4 * TILE)))
     histograms = histograms.reshape(-1, LEAF, width)
+    # The weights depend on distances alone: normals are not looked up again.
     places = tables[0][:3], tables[1][:3]
 
     # Second pass: each point takes the mean of its neighbours' simple descriptors, the near ones weighing more.

@@ -62,6 +62,7 @@ def closeness(
     """Weights of neighbours: the spacing over the distance, at most 2; 0 beyond the radius and for equal points."""
     length = _offsets(own, others)[1]
     is_neighbor = (length <= square) & (length > 0.0)
+    # Squares are compared: this bound is that of half the spacing, where weights stop growing.
     least = jnp.maximum(length, 0.25 * spacing * spacing)
     return jnp.where(is_neighbor, spacing * jax.lax.rsqrt(least), 0.0)
 

@@ -64,6 +64,7 @@ def nearest_field_on_host(
     across = max(SLAB // max(width, 1), 1)
 
     def spread_across_planes(start: int) -> None:
+        # The steps of the pass work on a copy in one piece, which stays in the cache.
         part = np.ascontiguousarray(columns[:, start : start + across])
         _spread_along(part.reshape(-1), part.shape[1], radius)
         columns[:, start : start + across] = part

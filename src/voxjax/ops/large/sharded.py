@@ -163,6 +163,7 @@ def _with_halo(block: jax.Array, axis: int, name: str, parts: int, halo: int) ->
 def _cleared_past(result: jax.Array, axis: int, name: str, parts: int, side: int) -> jax.Array:
     """The result with 0 in what lies past the end of the grid."""
     length = result.shape[axis]
+    # Without padding along this axis there is nothing to clear.
     if parts * length == side:
         return result
     shape = [1] * result.ndim

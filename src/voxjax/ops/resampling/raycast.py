@@ -82,6 +82,7 @@ def walk_rays(
         # The times of planes are products, not sums: no error grows along a ray. A tie goes to x, then y, so that each
         # ray takes one step a round.
         is_left = counts < steps
+        # An axis whose steps are all done has no next plane, so that rounding cannot carry a ray past its end.
         times = jnp.where(is_left, first + counts.astype(jnp.float32) * interval, jnp.inf)
         takes_x = (times[0] <= times[1]) & (times[0] <= times[2])
         takes_y = ~takes_x & (times[1] <= times[2])

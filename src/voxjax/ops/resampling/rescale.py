@@ -46,6 +46,7 @@ def rescale_states(
     states = _apply(states, plans)
     odds = None if odds is None else _apply(odds, plans)
     if odds is not None:
+        # The mark is taken out of voxels that stay unknown, so that no log-odds are infinite.
         odds = np.where(states == UNKNOWN, np.float32(0), odds)
     return states, origin_of_cell(np.array([low for low, _, _ in plans]), new_voxel_size), odds
 

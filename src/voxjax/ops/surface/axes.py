@@ -94,6 +94,7 @@ def surface_normal(sums: WindowSums, axes: Axes) -> tuple[Array, Array, Array]:
     lean, low, high = tuple(sums.lean), tuple(axes.low), tuple(axes.high)
 
     def across(direction: tuple) -> tuple:
+        # A direction keeps what is across the line; where there is no line, it stays whole.
         along = jnp.where(axes.is_high, _dot(direction, high), 0)
         return tuple(d - along * h for d, h in zip(direction, high, strict=True))
 
@@ -120,6 +121,7 @@ def steps_along(
     packed: PackedStates, normal: Float32[Array, "3 n"], reach: int
 ) -> tuple[Int32[Array, "r n"], Int32[Array, "r n"]]:
     """Steps along the normal: words to go on, and voxels up."""
+    # The largest component of a unit vector is never small, so that it can be divided by.
     largest = jnp.max(jnp.abs(normal), axis=0)
     words, up = [], []
     for step in range(1, reach + 1):

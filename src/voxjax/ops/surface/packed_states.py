@@ -46,6 +46,7 @@ class PackedStates(NamedTuple):
     def place(self, voxels: Int32[Array, "3 n"], *, margin: int) -> tuple[Array, Array]:
         """The word of each voxel's own column that holds the voxel `margin` below it, int32, and its bit, uint32."""
         x, y, z = voxels
+        # The empty groups before a column are counted in: what lies below its first voxel has its place in them.
         below = z + np.int32(GROUP * _empty_groups(margin) - margin)
         group = self.steps(x + np.int32(margin), y + np.int32(margin)) + below // GROUP
         return group, (below % GROUP).astype(jnp.uint32)

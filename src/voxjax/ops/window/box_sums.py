@@ -32,6 +32,7 @@ def packed(is_occupied: Array, size: int, margin: int = 0) -> jax.Array:
     num_words = -(-(nz + 2 * halo) // WORD)
     fill = WORD * num_words - nz - halo
     rows = jax.lax.pad(is_occupied, jnp.bool_(False), [(0, 0, 0), (0, 0, 0), (halo, fill, 0)])
+    # The rows were filled up to whole words, so that no word has voxels of two of them.
     words = pack_bits(rows.reshape(-1)).reshape(nx, ny, num_words)
     # One word more at the end: the last windows take bits from it.
     words = jax.lax.pad(words, jnp.uint32(0), [(halo, halo, 0), (halo, halo, 0), (0, 1, 0)])
