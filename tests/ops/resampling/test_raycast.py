@@ -94,6 +94,40 @@ def test_rays_free_what_they_cross_and_hits_win(seed, voxel_size):
     assert np.count_nonzero(states == OCCUPIED) == len(hit)
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("voxel_size", [0.05, 0.1])
+def test_rays_end_in_the_voxels_of_their_points_on_borders_too(axis, voxel_size):
+    """Points on borders are rounded down from the frame's origin; counted from the grid's corner some go up."""
+    ends = np.arange(-200, 200) / 100.0
+    row, last = np.arange(len(ends)), np.floor(ends / voxel_size).astype(int)
+    # One row of voxels for each ray, which comes along the axis from below all points.
+    points = np.full((len(ends), 3), 0.5 * voxel_size)
+    points[:, axis], points[:, axis - 1] = ends, (row + 0.5) * voxel_size
+    origins = points.copy()
+    origins[:, axis] = -1000.5 * voxel_size
+    states, _ = grid_from_points(points, voxel_size=voxel_size, sensor_origins=origins)
+    rows = np.moveaxis(states, (axis, axis - 1), (1, 0))[:, :, 0]
+    end = (last + 1001)[:, None]
+    step = np.arange(rows.shape[1])[None, :]
+    expected = np.where(step < end, FREE, np.where(step == end, OCCUPIED, UNKNOWN))
+    np.testing.assert_array_equal(rows, expected)
+
+
+def test_a_ray_over_a_border_by_less_than_float32_tells_reaches_its_end():
+    for axis in range(3):
+        start = np.full(3, 2.5)
+        start[axis] = 3.0 - 1e-12
+        end = np.full(3, 2.5)
+        end[axis] = 3.0
+        other = 0 if axis else 1
+        end[other] += 2.0
+        for first, last in ((start, end), (end, start)):
+            marked = crossed_voxels(first[None], last[None], SHAPE)
+            assert marked[tuple(np.floor(first).astype(int))]
+            assert marked[tuple(np.floor(last).astype(int))]
+            assert np.count_nonzero(marked) == 4
+
+
 def test_one_origin_serves_all_points():
     points = np.asarray([[1.05, 0.05, 0.05], [0.05, 1.05, 0.05]])
     one = grid_from_points(points, voxel_size=0.1, sensor_origins=[0.05, 0.05, 0.05])

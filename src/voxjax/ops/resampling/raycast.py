@@ -107,7 +107,8 @@ def mark_crossed_voxels(
 ) -> Bool[Array, " v"]:
     """Mark the voxels of a flat grid that straight rays cross, start and end voxels included.
 
-    The rays are given as in `walk_rays`; indices outside the grid are dropped.
+    The rays are given as in `walk_rays`. All voxels on their way must be inside the grid: an index beyond one side of
+    it is one of another row.
 
     Returns:
         `is_crossed` with more voxels marked.
@@ -120,18 +121,22 @@ def mark_crossed_voxels(
     return walk_rays(jnp.asarray(is_crossed), mark, *rays)
 
 
-def ray_batches(starts: np.ndarray, ends: np.ndarray) -> Iterator[tuple[np.ndarray, ...]]:
+def ray_batches(
+    starts: np.ndarray, ends: np.ndarray, low: np.ndarray | None = None
+) -> Iterator[tuple[np.ndarray, ...]]:
     """Cut rays into padded batches of similar length.
 
     Args:
-        starts: (n, 3) in voxels from the grid's outer corner.
+        starts: (n, 3) [voxel].
         ends: (n, 3), likewise.
+        low: The grid's lowest voxel, whole numbers (3,); None if places are counted from the grid's outer corner.
 
     Yields:
         start_index, start_offset, end_index, end_offset and mask, as `walk_rays` takes them.
     """
-    start_index, start_offset = _split(starts)
-    end_index, end_offset = _split(ends)
+    low = np.zeros(3) if low is None else low
+    start_index, start_offset = _split(starts, low)
+    end_index, end_offset = _split(ends, low)
     order = np.argsort(np.abs(end_index - start_index).sum(axis=1), kind="stable")
     # Few rays share one shape: padding costs less than a compilation.
     size = bucket_size(min(len(order), _RAYS_PER_BATCH), 512)
@@ -148,14 +153,20 @@ def flat_strides(shape: tuple[int, ...]) -> np.ndarray:
 
 @refused_after_fork
 def crossed_voxels(
-    starts: np.ndarray, ends: np.ndarray, shape: tuple[int, int, int], *, capacity: int = 0
+    starts: np.ndarray,
+    ends: np.ndarray,
+    shape: tuple[int, int, int],
+    *,
+    low: np.ndarray | None = None,
+    capacity: int = 0,
 ) -> np.ndarray:
     """Mark the voxels of a grid that rays cross, in batches.
 
     Args:
-        starts: (n, 3) in voxels from the grid's outer corner; inside the grid.
+        starts: (n, 3) [voxel]; inside the grid.
         ends: (n, 3), likewise.
         shape: Number of voxels along x, y, z.
+        low: The grid's lowest voxel, whole numbers (3,); None if places are counted from the grid's outer corner.
         capacity: Voxels of the flat grid that the kernel works on, if more than the shape needs; the same for
             all calls, they share one compiled kernel.
 
@@ -165,7 +176,7 @@ def crossed_voxels(
     num_voxels = int(np.prod(shape))
     # The flat grid is padded, so that small grids of all shapes share one kernel.
     marked = jnp.zeros(max(bucket_size(num_voxels, 2**18), capacity), bool)
-    for *rays, mask in ray_batches(starts, ends):
+    for *rays, mask in ray_batches(starts, ends, low):
         marked = mark_crossed_voxels(marked, *rays, flat_strides(shape), mask)
     return np.asarray(marked)[:num_voxels].reshape(shape)
 
@@ -211,20 +222,21 @@ def grid_from_points(
     states = np.full(shape, UNKNOWN, np.uint8)
     if sensor_origins is not None:
         _check_steps(starts, ends, voxel_size)
-        # Places are counted from the grid's corner in float64, so that they are small by the time that
-        # they become float32.
-        states[crossed_voxels(starts / voxel_size - low, ends / voxel_size - low, shape)] = FREE
-    # Hits are divided and rounded down as the box was, so that none falls outside of it.
+        states[crossed_voxels(starts / voxel_size, ends / voxel_size, shape, low=low)] = FREE
+    # Hits are divided and rounded down as the box and the rays are: none falls outside of the box, or beside its ray.
     hits = np.floor(ends[is_hit] / voxel_size).astype(np.int64) - low
     states[tuple(hits.T)] = OCCUPIED
     return states, (low * voxel_size).astype(np.float32)
 
 
-def _split(places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Voxel index int32 and offset float32 in [0, 1) of places given in voxels."""
-    index = np.floor(places)
+def _split(places: np.ndarray, low: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Voxel index int32 from the voxel `low`, and offset float32 in [0, 1), of places [voxel]."""
+    # Rounded down first and moved after: a place on a border, less a large `low`, may round into the next voxel.
+    whole = np.floor(places)
     # The difference is taken in float64, and is small: rounded before, it would lose the digits that the index takes.
-    return index.astype(np.int32), (places - index).astype(np.float32)
+    offset = (places - whole).astype(np.float32)
+    # As float32 an offset just below 1 is 1, which would make a step into the next voxel one of no length.
+    return (whole - low).astype(np.int32), np.minimum(offset, np.nextafter(np.float32(1.0), np.float32(0.0)))
 
 
 def _checked_points(name: str, points: object) -> np.ndarray:
