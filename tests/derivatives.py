@@ -10,5 +10,6 @@ def derivatives_at(function, value, direction, pull=None):
     the function once more.
     """
     found, along = jax.linearize(function, value)
-    back = None if pull is None else jax.linear_transpose(along, value)(pull)[0]
+    # JAX asks a function that it transposes for its name: `along` itself would print its whole program for that.
+    back = None if pull is None else jax.linear_transpose(lambda change: along(change), value)(pull)[0]
     return found, along(direction), back

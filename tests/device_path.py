@@ -2,6 +2,7 @@
 
 import contextlib
 import inspect
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -35,7 +36,7 @@ def device_path() -> Iterator[None]:
 
 
 def lowered_for_cuda(kernel: Callable[..., Any], *shapes: Any) -> str:
-    """Text of a kernel's program for CUDA, in the form that it has on a GPU.
+    """Text of a kernel's program for CUDA, in the form that it has on a GPU; products keep the digits of float32 there.
 
     Args:
         kernel: A function of arrays.
@@ -48,7 +49,19 @@ def lowered_for_cuda(kernel: Callable[..., Any], *shapes: Any) -> str:
         program = export.export(
             jax.jit(lambda *given: kernel(*given)), platforms=("cuda",), disabled_checks=checks
         )
-        return program(*shapes).mlir_module()
+        text = program(*shapes).mlir_module()
+    assert not (found := rounded_products(text)), found
+    return text
+
+
+def rounded_products(text: str) -> list[str]:
+    """Products of floating matrices that a GPU may round to TF32, which has ten bits, in the text of a program."""
+    products = re.findall(r"^.*stablehlo\.(?:dot_general|dot|convolution)\b.*$", text, re.MULTILINE)
+    return [
+        line.strip()
+        for line in products
+        if re.search(r"-> tensor<(?:\d+x)*f32>", line) and "HIGHEST, HIGHEST" not in line
+    ]
 
 
 def some_gpu() -> contextlib.AbstractContextManager[Any]:

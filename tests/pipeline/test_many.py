@@ -30,6 +30,14 @@ def test_all_poses_map_into_the_frame_of_the_first_map(monkeypatch, maps):
     assert merged.grid.num_occupied >= max(m.num_occupied for m in maps)
 
 
+def test_a_rule_that_is_not_known_is_refused_before_any_pair(monkeypatch, maps):
+    fake = FakeRegister(maps, WORLD).install(monkeypatch)
+    monkeypatch.setattr(many, "RULES", ("keep", "log_odds"))  # annotations would refuse other names first
+    with pytest.raises(InputError, match="rule"):
+        merge(maps, rule="paper")
+    assert not fake.calls
+
+
 def test_a_stranger_is_left_out_and_named(monkeypatch, maps):
     strange = {pair: "no_overlap" for pair in itertools.combinations(range(5), 2) if 3 in pair}
     merged, _ = _merge(monkeypatch, maps, verdicts=strange)

@@ -92,6 +92,10 @@ def test_poses_far_from_the_guess_are_left_out(maps):
         vx.register(maps[0], maps[1], guess_uncertainty=(0.5, 0.2))
     with pytest.raises(vx.InputError, match="radians"):
         vx.register(maps[0], maps[1], init_guess=guess, guess_uncertainty=(0.5, -1.0))
+    # A map without a voxel is an outcome, but no reason to take what cannot be used.
+    empty = vx.VoxelGrid(np.zeros((4, 4, 4), np.uint8), np.zeros(3, np.float32), 0.1)
+    with pytest.raises(vx.InputError, match="init_guess"):
+        vx.register(empty, maps[1], init_guess=np.zeros((4, 4)))
 
 
 def test_the_other_way_round_is_the_inverse(maps, registration):

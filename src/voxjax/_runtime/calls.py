@@ -50,8 +50,9 @@ class Call(NamedTuple):
         for leaf, is_array in zip(self.leaves, self.is_array, strict=True):
             # Numbers and texts of Python become constants of the program, so their values belong to its key.
             if isinstance(leaf, (bool, int, float, str)):
-                # The type belongs to it: 1, 1.0 and True are equal, but make different programs.
-                parts.append((type(leaf), leaf))
+                # The type and the digits belong to it: 1, 1.0 and True are equal, 0.0 and -0.0 too, but make different
+                # programs.
+                parts.append((type(leaf), repr(leaf)))
             elif is_array and _is_plain(leaf):
                 parts.append((leaf.shape, leaf.dtype))
             else:

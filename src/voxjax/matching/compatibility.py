@@ -8,10 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int32
 
+from .._runtime.precision import in_full_precision
 from .._types import Array
 
 
 @jax.jit
+@in_full_precision
 def distance_consistency(
     nodes_a: Float[Array, "m 3"],
     nodes_b: Float[Array, "m 3"],
@@ -60,6 +62,7 @@ def _cyclic_rotations(frames_a: Array, frames_b: Array) -> Array:
 
 
 @jax.jit
+@in_full_precision
 def rotations_agree(
     nodes_a: Float[Array, "m 3"],
     nodes_b: Float[Array, "m 3"],
@@ -84,6 +87,7 @@ def rotations_agree(
 
 
 @jax.jit
+@in_full_precision
 def normals_agree(
     nodes_a: Float[Array, "m 3"],
     nodes_b: Float[Array, "m 3"],

@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 
 from .._runtime.forks import refused_after_fork
 from .._runtime.placement import on_host
+from .._runtime.precision import in_full_precision
 from .._types import Array
 
 
@@ -90,6 +91,7 @@ def _decompose(entries: Array, tolerance: Array) -> tuple[Array, Array]:
 
 
 @_decompose.defjvp
+@in_full_precision
 def _decompose_jvp(
     primals: tuple[Array, Array], tangents: tuple[Array, Array]
 ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:

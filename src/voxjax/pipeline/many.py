@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, Literal
 
-from .._checks import InputError
+from .._checks import InputError, check_choice
 from .._runtime.forks import refused_after_fork
 from .._runtime.threads import spread
 from ..fusion.fuse import fuse
+from ..fusion.rules import RULES
 from ..grid import VoxelGrid, check_grids
 from ..registration.hypotheses.map_features import MapFeatures
 from .config import Config, config_from
@@ -51,11 +52,15 @@ def merge(
         The fused map, the poses and the registrations behind them.
 
     Raises:
-        InputError: If `grids` is no list of maps, there are fewer than two, a guess with more than two, or the maps or
-            the fused one need more memory than there is (`pipeline/memory_need.py`, `fusion/fuse.py`).
+        InputError: If `grids` is no list of maps, there are fewer than two, a guess with more than two, the rule is not
+            known, or the maps or the fused one need more memory than there is (`pipeline/memory_need.py`,
+            `fusion/fuse.py`).
     """
     grids = check_grids("grids", grids)
     _check(grids, init_guess)
+    if rule is not None:
+        # `fuse` would say so too, but after all pairs.
+        check_choice("rule", rule, RULES)
     settings, stages = config_from(config), Stages(on_stage)
     start = time.perf_counter()
 

@@ -69,6 +69,8 @@ def register(
             "method does not know; leave them out or take the preset 'default'."
         )
     settings = config_from(config)
+    # What cannot be used is refused before minutes of work, and beside an empty map too.
+    _checked_guess(init_guess, guess_uncertainty)
     stages = Stages(on_stage)
     for name, grid in (("a", a), ("b", b)):
         check_grid(name, grid)
@@ -126,7 +128,7 @@ def register_features(
     """
     settings, stages = config_from(config), Stages(on_stage, seconds)
     _check_voxel_sizes(a, b)
-    guess = None if init_guess is None else check_pose("init_guess", init_guess)
+    guess = _checked_guess(init_guess, guess_uncertainty)
     pose_range = _pose_range(
         b, settings.source.max_lean if gravity_aligned else None, guess, guess_uncertainty
     )
@@ -202,21 +204,15 @@ def _check_voxel_sizes(a: MapFeatures, b: MapFeatures) -> None:
         )
 
 
-def _pose_range(
-    b: MapFeatures,
-    max_lean: float | None,
-    guess: np.ndarray | None,
-    uncertainty: tuple[float, float] | None,
-) -> PoseRange:
-    """Which poses can be, by what the caller knows beforehand.
+def _checked_guess(init_guess: object, uncertainty: tuple[float, float] | None) -> np.ndarray | None:
+    """The guess as a rigid transform.
 
     Raises:
-        InputError: If there is an uncertainty without a guess, or it is not positive.
+        InputError: If the guess is none, there is an uncertainty without a guess, or it is not two positive numbers.
     """
-    # A turn about an origin far from the map would look like a long shift: bounds are about where the map is.
-    centroid = np.asarray(b.prepared.centroid)
+    guess = None if init_guess is None else check_pose("init_guess", init_guess)
     if uncertainty is None:
-        return PoseRange(centroid, max_lean)
+        return guess
     if guess is None:
         raise InputError("guess_uncertainty needs an init_guess that it is about; give both or neither.")
     if np.shape(uncertainty) != (2,):
@@ -225,4 +221,18 @@ def _pose_range(
         )
     for number, unit in enumerate(("metres", "radians")):
         check_positive(f"guess_uncertainty[{number}]", uncertainty[number], unit)
+    return guess
+
+
+def _pose_range(
+    b: MapFeatures,
+    max_lean: float | None,
+    guess: np.ndarray | None,
+    uncertainty: tuple[float, float] | None,
+) -> PoseRange:
+    """Which poses can be, by what the caller knows beforehand."""
+    # A turn about an origin far from the map would look like a long shift: bounds are about where the map is.
+    centroid = np.asarray(b.prepared.centroid)
+    if uncertainty is None:
+        return PoseRange(centroid, max_lean)
     return PoseRange(centroid, max_lean, guess, *uncertainty)

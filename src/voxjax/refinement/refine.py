@@ -8,13 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._runtime.forks import refused_after_fork
-from .._runtime.threads import spread
 from .._types import Array
 from ..grid import VoxelGrid
 from ..maps.prepared import PreparedMap
 from .outcome import Refinement, how_it_ended, unrefined_pose
 from .problems.coarse_to_fine import better, checked_distances, coarse_levels, scales_in_reach
-from .problems.many_starts import solve_starts
+from .problems.many_starts import solve_starts, spread_solves
 from .problems.pair import check_options, checked_residuals, pose_problem
 from .problems.starts import checked_start, lead_pose
 from .problems.views import views_of
@@ -137,4 +136,4 @@ def _each(function: Callable[[Array], tuple[Array, ...]], poses: Array) -> tuple
     # Starts are computed on all cores instead of under `vmap`, as in `solve_starts`.
     if poses.ndim == 2:
         return function(poses)
-    return tuple(np.stack(column) for column in zip(*spread(function, list(poses)), strict=True))
+    return tuple(np.stack(column) for column in zip(*spread_solves(function, list(poses)), strict=True))

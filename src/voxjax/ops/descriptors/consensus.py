@@ -12,10 +12,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ... import rigid
+from ..._runtime.precision import in_full_precision
 from ..._types import Array
 
 
 @partial(jax.jit, static_argnames=("chunk",))
+@in_full_precision
 def agreement_matrix(
     points_a: Float[Array, "n 3"],
     normals_a: Float[Array, "n 3"],
@@ -71,6 +73,7 @@ def agreement_matrix(
 
 
 @partial(jax.jit, static_argnames=("max_size",))
+@in_full_precision
 def greedy_cliques(
     agreement: Bool[Array, "n n"], *, max_size: int = 64
 ) -> tuple[Bool[Array, "n n"], Int[Array, "n"]]:
@@ -116,6 +119,7 @@ def greedy_cliques(
 
 
 @jax.jit
+@in_full_precision
 def poses_from_matches(
     points_a: Float[Array, "n 3"],
     normals_a: Float[Array, "n 3"],
@@ -155,6 +159,7 @@ def poses_from_matches(
 
 
 @jax.jit
+@in_full_precision
 def matches_under_poses(
     poses: Float[Array, "p 4 4"],
     points_a: Float[Array, "n 3"],

@@ -67,7 +67,8 @@ class ItemWork:
             (i, 16, w).
         """
         if not self.from_host:
-            return jnp.einsum("iht,ihw->itw", weights, values(slice(None)).reshape(*weights.shape[:2], -1))
+            rows = values(slice(None)).reshape(*weights.shape[:2], -1)
+            return jnp.einsum("iht,ihw->itw", weights, rows, precision="highest")
         # So few items at once that weights, values and products stay in the cache of a core.
         together = 32
         turned, products = np.asarray(weights).swapaxes(1, 2), []

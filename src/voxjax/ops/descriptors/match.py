@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 from ..._runtime.buckets import bucket_size, pad_rows
 from ..._runtime.forks import refused_after_fork
 from ..._runtime.placement import are_numpy, on_host
+from ..._runtime.precision import in_full_precision
 from ..._runtime.threads import spread
 from ..._types import Array
 
@@ -112,12 +113,14 @@ def _factors(descriptors: np.ndarray, mask: np.ndarray, block: int, *, is_left: 
 
 
 @jax.jit
+@in_full_precision
 def _squares(left: Float[Array, "r k"], right: Float[Array, "c k"]) -> Float[Array, "r c"]:
     """Products of all rows."""
     return left @ right.T
 
 
 @partial(jax.jit, static_argnames=("chunk",))
+@in_full_precision
 def mutual_nearest_kernel(
     descriptors_a: Float[Array, "n d"],
     descriptors_b: Float[Array, "m d"],

@@ -13,6 +13,7 @@ from ..._runtime.forks import refused_after_fork
 from ..._runtime.materialize import materialized
 from ..._runtime.pieces import over_poses
 from ..._runtime.placement import on_host
+from ..._runtime.precision import in_full_precision
 from ..._runtime.programs import kept_program
 from ..._runtime.threads import num_cores
 from ..._types import Array
@@ -84,6 +85,7 @@ class _Target(NamedTuple):
 
 
 @partial(jax.jit, static_argnames=("num_steps", "batch_size"))
+@in_full_precision
 def _align_at_once(
     target: _Target,
     points: Array,
@@ -100,6 +102,7 @@ def _align_at_once(
 
 @kept_program
 @partial(jax.jit, static_argnames="num_steps")
+@in_full_precision
 def _align_piece(
     target: _Target,
     points: Array,

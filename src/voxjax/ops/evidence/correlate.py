@@ -6,12 +6,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Complex64, Float32, Int32, UInt8
 
+from ..._runtime.precision import in_full_precision
 from ..._types import Array
 from .lookup import Block, lookup
 from .scoring import CONFLICT, HIT, NOTHING
 
 
 @partial(jax.jit, static_argnames=("cells",))
+@in_full_precision
 def coarse_spectra(
     codes: UInt8[Array, "flat"],
     block: Block,
@@ -81,7 +83,7 @@ def correlation_peaks(
     nx, ny, nz = (n // block for n in cells)
     blocks = score.reshape(nx, block, ny, block, nz, block).transpose(0, 2, 4, 1, 3, 5).reshape(-1, block**3)
     inner = jnp.argmax(blocks, axis=1).astype(jnp.int32)
-    top, which = jax.lax.top_k(jnp.max(blocks, axis=1), num_peaks)
+    top, which = jax.lax.top_k(jnp.max(blocks, axis=1), min(num_peaks, len(blocks)))
     which = which.astype(jnp.int32)
     i = inner[which]
     cell = jnp.stack(

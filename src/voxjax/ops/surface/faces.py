@@ -16,6 +16,7 @@ from jaxtyping import Float32, Int32, UInt8
 
 from ..._runtime.pieces import over_pieces
 from ..._runtime.placement import are_numpy, to_device
+from ..._runtime.precision import in_full_precision
 from ..._runtime.tables import as_table, check_cells, table_lengths
 from ..._types import FREE, OCCUPIED, Array
 
@@ -105,6 +106,7 @@ def _faces_on_host(
 
 
 @partial(jax.jit, static_argnames=("first", "last"))
+@in_full_precision
 def _faces_kernel(
     flat: UInt8[Array, "flat"],
     shape: Int32[Array, "3"],

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Float
 
 from ..._checks import InputError
+from ..._runtime.precision import in_full_precision
 from ..._types import Array
 from ..eigen import eigen_by_columns
 from .axes import TIED
@@ -34,6 +35,7 @@ class SoftPlanes(NamedTuple):
 
 
 @jax.jit
+@in_full_precision
 def soft_planes(
     occupancy: Float[Array, "m"], toward: Float[Array, "m 3"], neighbours: Neighbourhood
 ) -> SoftPlanes:

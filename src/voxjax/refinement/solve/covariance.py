@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
 from ... import rigid
+from ..._runtime.precision import in_full_precision
 from ..._runtime.programs import kept_program
 from ..._types import Array
 from ..residuals.planes import NearestSurface, PointToPlane, Sample, meet
@@ -25,6 +26,7 @@ PRIOR = 1.0
 
 @kept_program
 @jax.jit
+@in_full_precision
 def pose_covariance(
     problem: PoseProblem, T_a_b: Float[Array, "4 4"], scale: Float[Array, ""], num_patches: Float[Array, ""]
 ) -> tuple[Float[Array, "6 6"], Bool[Array, ""]]:

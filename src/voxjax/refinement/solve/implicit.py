@@ -16,6 +16,7 @@ import lineax as lx
 from jax.scipy.sparse.linalg import cg
 from jaxtyping import Float, PyTree
 
+from ..._runtime.precision import in_full_precision
 from ..._types import Array
 
 Matrix = Callable[[Array], Array]
@@ -50,6 +51,7 @@ def implicit_solution(
 
 
 @implicit_solution.def_jvp
+@in_full_precision
 def _implicit_solution_jvp(
     primals: tuple[Array, PyTree],
     tangents: tuple[PyTree, PyTree],
@@ -73,7 +75,10 @@ def _implicit_solution_jvp(
     _, slope_change = jax.jvp(slope_of_moving, (moving,), (change,))
     _, curvature = jax.linearize(lambda at: slope(at, inputs), solution)
     # JAX neither differentiates nor transposes `solve`, so it may look at its outcome; reverse mode calls it anew.
-    return solution, -jax.lax.custom_linear_solve(curvature, slope_change, solve, symmetric=True)
+    # JAX asks the matrix for its name, for which `curvature` itself would print its whole program.
+    return solution, -jax.lax.custom_linear_solve(
+        lambda move: curvature(move), slope_change, solve, symmetric=True
+    )
 
 
 def by_pseudo_inverse(tolerance: float) -> Callable[[Matrix, Array], Array]:

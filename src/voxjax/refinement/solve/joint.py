@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int32
 
+from ..._runtime.precision import in_full_precision
 from ..._types import Array
 from .chart import chart_about
 from .implicit import by_conjugate_gradients, by_pseudo_inverse
@@ -36,6 +37,7 @@ class RefinedPoses(NamedTuple):
 
 
 @eqx.filter_jit
+@in_full_precision
 def solve_joint(
     problem: JointProblem,
     poses: Float[Array, "maps 4 4"],

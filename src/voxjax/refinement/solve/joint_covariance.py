@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
+from ..._runtime.precision import in_full_precision
 from ..._types import Array
 from .covariance import MAP_ACCURACY, PATCH_VOXELS, PRIOR, plane_information
 from .equations import NormalEquations
@@ -13,6 +14,7 @@ from .problem import PoseProblem
 
 
 @jax.jit
+@in_full_precision
 def joint_covariance(
     problem: JointProblem,
     poses: Float[Array, "maps 4 4"],

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int32
 
+from ..._runtime.precision import in_full_precision
 from ..._types import Array
 from ..residuals.planes import HeldPointToPlane
 from ..residuals.terms import Columns, Level, PointTerm, robust_rows
@@ -15,6 +16,7 @@ from .problem import PoseProblem, sum_of_squares
 
 
 @jax.jit
+@in_full_precision
 def implicit_covariance(
     problem: PoseProblem,
     T_a_b: Float[Array, "4 4"],

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int32
 
+from ..._runtime.precision import in_full_precision
 from ..._runtime.programs import kept_program
 from ..._types import Array
 from ..residuals.terms import Level
@@ -38,6 +39,7 @@ class RefinedPose(NamedTuple):
 
 @kept_program
 @eqx.filter_jit
+@in_full_precision
 def problem_cost(
     problem: Problem, poses: Float[Array, "*maps 4 4"], scales: Float[Array, "levels"]
 ) -> Float[Array, ""]:
@@ -46,6 +48,7 @@ def problem_cost(
 
 
 @eqx.filter_jit
+@in_full_precision
 def find_basin(
     problem: PoseProblem,
     T_a_b: Float[Array, "4 4"],
@@ -79,6 +82,7 @@ def find_basin(
 
 @kept_program
 @eqx.filter_jit
+@in_full_precision
 def find_basins(
     problem: PoseProblem,
     starts: Float[Array, "k 4 4"],
@@ -98,6 +102,7 @@ def find_basins(
 
 @kept_program
 @eqx.filter_jit
+@in_full_precision
 def problem_costs(
     problem: PoseProblem,
     poses: Float[Array, "k 4 4"],
@@ -122,6 +127,7 @@ def _of_rows(function: Callable[[Array], Any], rows: Array, count: Array) -> Any
 
 @kept_program
 @eqx.filter_jit
+@in_full_precision
 def solve_pose(
     problem: PoseProblem,
     T_a_b: Float[Array, "4 4"],

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
 from ... import rigid
+from ..._runtime.precision import in_full_precision
 from ..._types import Array
 
 
@@ -24,6 +25,7 @@ def _centred(
 
 
 @jax.jit
+@in_full_precision
 def align_points(
     points_a: Float[Array, "n 3"], points_b: Float[Array, "n 3"], weights: Float[Array, "n"] | None = None
 ) -> Float[Array, "4 4"]:
@@ -55,6 +57,7 @@ def align_points(
 
 
 @jax.jit
+@in_full_precision
 def is_degenerate(points: Float[Array, "n 3"], weights: Float[Array, "n"] | None = None) -> Bool[Array, ""]:
     """Whether points that count are fewer than three or lie on one line, so that no rotation is fixed.
 

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32
 
 from ..._runtime.pieces import over_pieces
+from ..._runtime.precision import in_full_precision
 from ..._runtime.programs import kept_program
 from ..._types import Array
 from .distinct import distinct_rows
@@ -69,6 +70,7 @@ def pair_rotations(
 
 @kept_program
 @partial(jax.jit, static_argnames=("num_steps", "concentration"))
+@in_full_precision
 def sharpen_rotations(
     normals_a: Float32[Array, "n 3"],
     normals_b: Float32[Array, "m 3"],

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Float32, Int32
 from scipy.spatial import KDTree
 
 from ..._runtime.buckets import pad_rows, wide_bucket_size
+from ..._runtime.precision import in_full_precision
 from ..._types import Array
 from ...matching.early_transform import Align, kabsch
 from ...refinement.residuals.losses import robustify
@@ -117,6 +118,7 @@ def align_matches(
 
 
 @partial(jax.jit, static_argnames=("max_steps",))
+@in_full_precision
 def fit_points(
     points_a: Float[Array, "n 3"],
     points_b: Float[Array, "n 3"],

@@ -142,7 +142,7 @@ def _failure(result: RESULTS, stats: dict) -> Registration:
         T_a_b=np.eye(4, dtype=np.float32),
         verdict="no_overlap",
         confidence=0.0,
-        covariance=np.eye(6, dtype=np.float32),
+        covariance=np.full((6, 6), np.inf, np.float32),
         hypotheses=(),
         reason=RESULTS[result],
         result=result,
