@@ -1,5 +1,6 @@
 """Settings for all tests: no silent promotion of dtypes or ranks, two host devices, one cache of kernels."""
 
+import gc
 import os
 import signal
 import tempfile
@@ -13,6 +14,10 @@ from voxjax._runtime.mappings import release_kernels_if_crowded
 jax.config.update("jax_num_cpu_devices", 2)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
+
+# Traces are large graphs of objects that live long: the collector would walk through them again and again.
+gc.freeze()
+gc.set_threshold(100_000, 20, 100)
 
 # A run in the background ignores Ctrl-C, and so would the commands that tests interrupt.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
