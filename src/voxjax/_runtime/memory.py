@@ -78,7 +78,7 @@ def chosen_memory() -> float | None:
 
 
 def device_memory() -> int | None:
-    """Memory left on the default accelerator [byte]; None on a CPU and where the device does not say."""
+    """Memory left on the first accelerator [byte]; None on a CPU and where the device does not say."""
     import jax
 
     device = jax.local_devices()[0]

@@ -23,8 +23,8 @@ def close_corners(
 ) -> Extend:
     """The early transform as a function from a few matches to a whole scheme.
 
-    The transform of the matches carries the corners of b into a; those that come nearer than the tolerance to
-    a corner of a, each being the nearest of the other, join the matches.
+    The transform of the matches carries the corners of b into a. Each that comes nearer than the tolerance to a corner
+    of a joins the matches with the nearest one, the closest first and each corner once.
 
     Args:
         points_a: Corners of map a, float32 (n, 3) [m].

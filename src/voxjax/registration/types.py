@@ -22,8 +22,9 @@ class Evidence(eqx.Module):
         occupied_agreement: Share of the occupied voxels of both maps, among those that fall into known space of the
             other, that land on something occupied.
         free_conflict: Share of the same voxels that land in free space, well away from anything occupied.
-        num_hits: Number of occupied voxels of both maps that land on something occupied of the other.
-        num_conflicts: Number that land in free space.
+        num_hits: Number of occupied voxels of both maps that land on something occupied of the other; where voxels
+            are weighed by what they tell of the pose, the weighted share of them times their number.
+        num_conflicts: Number that land in free space, counted alike.
         support: Agreement along the worst direction, 1 when all surfaces agree; near 0 where the pose can slide.
         shared_area: Surface of both maps that agrees [m^2]; 0 for poses that are no rivals for the first place.
         contradiction_area: Surface of both maps in conflicts that hang together, at least 1 m^2 each [m^2]; 0 for poses

@@ -60,7 +60,8 @@ class Sample(NamedTuple):
     Attributes:
         points: Places in frame b [m].
         normals: Unit normals there; of length 0 where there is no plane.
-        weights: At least 0; sum 1.
+        weights: At least 0; their sum is the share of the cost that the term has, times the points' mean probability
+            where maps are soft.
         centroid: Centroid of map b [m].
     """
 

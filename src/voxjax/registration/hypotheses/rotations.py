@@ -137,7 +137,7 @@ def rotation_hypotheses(
     """Distinct rotations of b into a, by agreement of the normals, best first.
 
     Args:
-        samples_a: Unit normals of a, weighted by how often they occur (`sample_normals`).
+        samples_a: Unit normals of a, weighted by how often they occur (`draw_rows`).
         samples_b: Unit normals of b, drawn alike.
         directions_a: Dominant directions of a, (p, 3).
         directions_b: Dominant directions of b, (q, 3).
