@@ -1,10 +1,12 @@
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import voxjax as vx
 from oracles.motions import nudged, pose_error, random_pose
 from oracles.rooms import VOXEL
-from voxjax.refinement.refine import refine
+from voxjax.refinement.refine import _each, refine
 from voxjax.refinement.solve.equations import move_about
 
 POINTS = 2048
@@ -30,6 +32,14 @@ def test_refinement_never_raises_the_cost_however_wrong_the_start(pair, seed):
     found = refine(a, b, start, num_points=POINTS)
     assert found.cost_after <= found.cost_before
     np.testing.assert_allclose(found.T_a_b[:3, :3] @ found.T_a_b[:3, :3].T, np.eye(3), atol=1e-5)
+
+
+def test_several_starts_have_the_precision_of_the_caller_on_all_cores():
+    poses = np.stack([np.eye(4), 2 * np.eye(4)])
+    with jax.enable_x64(True):
+        (found,) = _each(lambda T: (jnp.asarray(T) / 3,), poses)
+    assert found.dtype == np.float64
+    np.testing.assert_allclose(found, poses / 3, rtol=1e-15)
 
 
 def test_maps_without_voxels_are_an_outcome():

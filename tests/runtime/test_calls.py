@@ -1,5 +1,7 @@
 """Calls taken apart: arrays are put back where they were, and keys tell programs apart but not values."""
 
+import math
+
 import jax
 import numpy as np
 
@@ -20,6 +22,9 @@ def test_keys_depend_on_shapes_and_settings_and_not_on_values():
     key = Call.of((ONES,), {"n": 2}).key()
     assert key == Call.of((2 * ONES,), {"n": 2}).key()
     assert key != Call.of((ONES,), {"n": 3}).key()
+    # They become constants of the program, which tells them apart though they are equal.
+    assert Call.of((ONES,), {"n": 0.0}).key() != Call.of((ONES,), {"n": -0.0}).key()
+    assert Call.of((ONES,), {"n": math.nan}).key() == Call.of((ONES,), {"n": math.nan}).key()
     assert key != Call.of((np.ones(4, np.float32),), {"n": 2}).key()
     with jax.enable_x64(True):
         assert key != Call.of((ONES,), {"n": 2}).key()

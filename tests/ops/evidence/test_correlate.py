@@ -34,6 +34,14 @@ def test_peaks_are_the_largest_two_way_scores():
     assert (shift < np.asarray(CELLS)).all()
 
 
+def test_a_search_has_no_more_peaks_than_blocks():
+    rng = np.random.default_rng(0)
+    spectra = [spectrum(part) for part in rng.normal(size=(4, *CELLS)).astype(np.float32)]
+    top, shift = correlation_peaks(*spectra, cells=CELLS, num_peaks=1000)
+    assert len(top) == len(shift) == 4 * 6 * 4
+    assert len(np.unique(np.asarray(shift) // 4, axis=0)) == len(shift)
+
+
 def test_a_shifted_map_is_found_at_its_shift():
     rng = np.random.default_rng(1)
     states = np.ones((8, 9, 7), np.uint8)

@@ -102,6 +102,7 @@ def test_maps_without_corners_or_voxels_are_outcomes():
         assert found.reason
         assert set(found.stats) >= {"num_corners_a", "num_associations", "clique_size", "seconds"}
         np.testing.assert_array_equal(found.T_a_b, np.eye(4))
+        assert np.isinf(np.asarray(found.covariance)).all()
 
 
 def test_the_rule_of_the_verdict_is_a_setting(maps):
