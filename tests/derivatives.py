@@ -1,9 +1,11 @@
 """Derivatives of a function in both modes from one evaluation of it, so that a test compiles it once."""
 
+from typing import Any
+
 import jax
 
 
-def derivatives_at(function, value, direction, pull=None):
+def derivatives_at(function, value, direction, pull=None) -> tuple[Any, Any, Any]:
     """The function's value, its derivative along a direction, and what reverse mode makes of `pull`.
 
     Reverse mode is the transpose of the linear map that forward mode applies; `jax.vjp` does the same, but evaluates

@@ -1,6 +1,7 @@
 """Derivatives of refined poses against finite differences, in float64 and float32, forward and reverse."""
 
 import itertools
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -51,8 +52,8 @@ class Solve(eqx.Module):
     """
 
     problem: PoseProblem
-    T: jax.Array
-    scales: jax.Array
+    T: Any
+    scales: Any
 
     def tangent(self, base):
         """The refined pose as six numbers about a pose."""
@@ -121,7 +122,7 @@ def assert_derivative(solve, base, way, *, step, rtol, after=None):
     return back
 
 
-def solve_of(problem, start, dtype=np.float64):
+def solve_of(problem, start, dtype: Any = np.float64):
     """The problem from a start, at the last robust scale alone."""
     return Solve(as_dtype(problem, dtype), jnp.asarray(start, dtype), jnp.asarray(SCALES, dtype))
 
