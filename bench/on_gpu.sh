@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Everything that needs an NVIDIA GPU, in one script of at most 9 minutes on a bare machine: versions, tests on the
-# device, kernels and registrations timed. Nothing of it has been measured yet: no project machine has a GPU.
+# device, kernels and registrations timed. It has not been run on a GPU yet.
 #
 #   bash bench/on_gpu.sh [FOLDER]     FOLDER gets results and logs; default: bench/results/gpu
 #

@@ -88,7 +88,7 @@ def over_pieces(
     Args:
         kernel: A function as `each_piece` takes it, which gives an array, or a tree of arrays, of `size` rows. Rows of
             padding may hold anything.
-        lists: See `each_piece`, as for the other arguments.
+        lists: Arrays of equal length, of which each piece is given as many rows.
         size: Rows that the kernel sees.
         step: Rows that count in each piece.
         fills: What a padding row of each list holds.

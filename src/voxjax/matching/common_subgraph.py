@@ -88,8 +88,8 @@ def maximum_common_subgraph(
         method: "clique": branch and bound on the association graph; "backtracking": Algorithm 1 as in the
             paper.
         angle_tolerance: If given [rad], frames of corners must agree too, see `consistency_graph`.
-        min_distance: See `consistency_graph` [m].
-        match_kinds: See `consistency_graph`.
+        min_distance: Pairs of corners nearer than this in either map [m] do not count as compatible.
+        match_kinds: Whether only corners with equally many convex edges may match.
         associations: Candidates, or None for all pairs.
         early_transform: Backtracking only: with five matches, let their transform give the rest of the
             scheme.

@@ -1,4 +1,4 @@
-"""Which associations can hold together: distances (equation 4), angles between frames, one-to-one.
+"""Associations that can hold together: distances (equation 4), angles between frames, one-to-one.
 
 The distances of all pairs of associations are one dense mask on the device; angles are looked at only where
 the distances agree. Memory: one byte a pair of rows, padding included (`graph_memory`).

@@ -75,7 +75,7 @@ def reject_corners(
         support: Points of the segments [m].
         labels: Plane of each of these points, -1 for none.
         max_distance: The threshold epsilon [m].
-        support_radius: See above [m].
+        support_radius: Largest distance of a voxel of a plane's segment from the corner [m].
         min_triple_product: Planes whose normals have a smaller triple product are nearly parallel.
 
     Returns:

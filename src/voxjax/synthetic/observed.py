@@ -1,4 +1,4 @@
-"""Which true corners a map shows."""
+"""True corners that a map shows."""
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -9,7 +9,7 @@ from .true_corners import TrueCorners
 
 
 def observed_corners(corners: TrueCorners, grid: VoxelGrid, T_world_map: np.ndarray | None) -> np.ndarray:
-    """Which corners have occupied voxels on all three faces beside them, and free space.
+    """Whether each corner has occupied voxels on all three faces beside it, and free space.
 
     Args:
         corners: True corners in the frame of the world.

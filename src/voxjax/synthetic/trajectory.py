@@ -13,7 +13,7 @@ def choose_rooms(
 
     Args:
         rng: Source of chance.
-        building: Whose rooms.
+        building: Building whose rooms are walked through.
         num_robots: Number of robots.
         overlap: Share of the rooms that every robot visits; at least one room is shared.
 
@@ -60,7 +60,7 @@ def walk_rooms(
 
     Args:
         rng: Source of chance.
-        building: Where.
+        building: Building in which the robot walks.
         rooms: Rooms to visit, joined by doors.
         step: Distance between poses [m].
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from voxjax.matching.cliques.branch_and_bound import Search, bitsets
-from voxjax.matching.cliques.budget import Budget
+from voxjax.matching.cliques.budget import SearchBudget
 
 
 def random_edges(seed, size=14, density=0.5):
@@ -32,16 +32,16 @@ def test_all_maximal_cliques_of_the_size_are_found_once(seed):
     graph, edges, shared = random_edges(seed)
     maximal = {tuple(sorted(c)) for c in networkx.find_cliques(networkx.from_numpy_array(graph))}
     goal = max(map(len, maximal))
-    found = found_by(Search(goal, Budget(10**6)), graph, edges, shared)
+    found = found_by(Search(goal, SearchBudget(10**6)), graph, edges, shared)
     assert sorted(found) == sorted(clique for clique in maximal if len(clique) == goal)
 
 
 def test_the_receiver_and_the_budget_end_the_search():
     graph, edges, shared = random_edges(1)
-    search = Search(3, Budget(10**6))
+    search = Search(3, SearchBudget(10**6))
     assert len(found_by(search, graph, edges, shared, most=1)) == 1
     assert search.stopped
-    search = Search(3, Budget(2))
+    search = Search(3, SearchBudget(2))
     found_by(search, graph, edges, shared)
     assert search.stopped
     assert search.budget.stopped_by == "nodes"

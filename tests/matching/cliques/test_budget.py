@@ -3,11 +3,11 @@
 import pytest
 
 from voxjax.matching.cliques import budget as module
-from voxjax.matching.cliques.budget import Budget
+from voxjax.matching.cliques.budget import SearchBudget
 
 
 def test_nodes_are_counted_and_end_the_search():
-    budget = Budget(max_nodes=3)
+    budget = SearchBudget(max_nodes=3)
     assert [budget.spend() for _ in range(4)] == [True, True, True, False]
     assert (budget.num_nodes, budget.stopped_by) == (4, "nodes")
     assert not budget.look()
@@ -22,7 +22,7 @@ def clock(monkeypatch):
 
 
 def test_time_ends_the_search_at_the_next_look(clock):
-    budget = Budget(max_nodes=1000, max_seconds=2.0, _start=100.0)
+    budget = SearchBudget(max_nodes=1000, max_seconds=2.0, _start=100.0)
     clock[0] = 102.5
     spent = 0
     while budget.spend():
@@ -32,7 +32,7 @@ def test_time_ends_the_search_at_the_next_look(clock):
 
 
 def test_without_a_limit_of_time_the_clock_does_not_count(clock):
-    budget = Budget(max_nodes=1000, _start=0.0)
+    budget = SearchBudget(max_nodes=1000, _start=0.0)
     clock[0] = 1e9
     assert all(budget.spend() for _ in range(500))
     assert budget.look()

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from .budget import Budget
+from .budget import SearchBudget
 from .graph_rows import pack, peeling_order, prune
 
 Record = Callable[[list[int]], bool]
@@ -20,7 +20,7 @@ class Search:
         stopped: Whether the budget or the receiver ended the search.
     """
 
-    def __init__(self, goal: int, budget: Budget) -> None:
+    def __init__(self, goal: int, budget: SearchBudget) -> None:
         self.goal = goal
         self.budget = budget
         self.stopped = False

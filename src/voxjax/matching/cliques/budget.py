@@ -6,7 +6,7 @@ from typing import Literal
 
 
 @dataclass
-class Budget:
+class SearchBudget:
     """What a search may spend.
 
     Attributes:

@@ -13,7 +13,7 @@ from jaxtyping import Bool
 from ..._checks import InputError, check_positive
 from ..._types import Array
 from .branch_and_bound import Search
-from .budget import Budget
+from .budget import SearchBudget
 from .graph_rows import common_neighbours, edges_of_rows, from_edges, pack, usable_edges
 from .greedy import greedy_clique, quick_clique
 
@@ -74,7 +74,7 @@ def maximum_clique(
         raise InputError(f"adjacency must be a square matrix, got shape {matrix.shape}.")
     if max_seconds is not None:
         check_positive("max_seconds", max_seconds, "s")
-    budget = Budget(max_nodes, max_seconds)
+    budget = SearchBudget(max_nodes, max_seconds)
     if not len(matrix):
         empty = np.zeros(0, np.int32)
         return Clique(empty, True, (empty,), True, 0)
@@ -139,7 +139,7 @@ class _Part:
         nodes, graph, edges = from_edges(np.arange(len(rows)), usable_edges(rows, edges, size))
         return cls(nodes, graph, edges, common_neighbours(pack(graph), edges))
 
-    def largest(self, bound: np.ndarray, budget: Budget) -> tuple[np.ndarray, bool]:
+    def largest(self, bound: np.ndarray, budget: SearchBudget) -> tuple[np.ndarray, bool]:
         """A maximum clique, `bound` where nothing larger is here, and whether the search was completed."""
         best = bound
         if len(self.edges):
@@ -157,7 +157,7 @@ class _Part:
         search.run(self.graph, self.edges, self.shared, record)
         return best, not search.stopped
 
-    def all_of_size(self, size: int, max_cliques: int, budget: Budget) -> tuple[list[np.ndarray], bool]:
+    def all_of_size(self, size: int, max_cliques: int, budget: SearchBudget) -> tuple[list[np.ndarray], bool]:
         """The maximal cliques of exactly `size` nodes, and whether these are all."""
         found: list[np.ndarray] = []
         search = Search(size, budget)

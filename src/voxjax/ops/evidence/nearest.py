@@ -80,7 +80,7 @@ def nearest_rows(
     Args:
         keys: Field that `nearest_field` gives.
         cells: Function that gives the cells of the points and whether they are inside the block.
-        is_valid: See `materialized`.
+        is_valid: Condition that always holds but that a compiler cannot know, see `materialized`.
     """
 
     def look() -> tuple[Array, Array]:

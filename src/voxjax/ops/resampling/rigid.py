@@ -53,7 +53,7 @@ def lookup_chunk(
 
     Args:
         source_shape: Traced, so that sources of all shapes share one program.
-        source_from_target: See the function of that name.
+        source_from_target: Affine map (3, 4) that the function of that name gives.
         target_shape: Traced.
         start: First flat target index.
         size: Length of the run, static.

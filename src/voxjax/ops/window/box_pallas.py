@@ -12,8 +12,8 @@ in interpret mode and lowered for CUDA, but not yet measured on a GPU.
 
 JAX has announced the end of the Triton backend. Nothing chooses these kernels by itself: the whole-array forms of `box`
 and `classes` run on every device, and where the backend is missing `implementation="pallas"` says so. There is no
-form for its successor, Mosaic GPU: that backend loads whole tiles, not elements at computed places, and needs another
-kernel.
+form for its successor, Mosaic GPU: a kernel for it can be lowered on a host without a GPU, but that backend loads whole
+tiles, not elements at computed places, so that it needs another kernel, which nobody could run yet.
 """
 
 import importlib

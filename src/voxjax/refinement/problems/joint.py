@@ -111,7 +111,7 @@ def joint_problem(
     """Points of both maps of each pair against the other map, each way with half of the weight.
 
     Args:
-        maps: See `joint_maps`.
+        maps: Maps as `joint_maps` takes them.
         pairs: Numbers of the maps that are held against each other, at least one pair.
         is_fixed: Which maps keep their pose.
         residuals: Kinds and their weights, as of `pose_problem`.

@@ -1,4 +1,4 @@
-"""Which of N maps are held against each other, and which of them keep their pose."""
+"""The pairs of N maps that are held against each other, and the maps that keep their pose."""
 
 import itertools
 from collections.abc import Collection, Mapping, Sequence

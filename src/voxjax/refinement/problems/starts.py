@@ -80,7 +80,7 @@ def lead_pose(
         centroid: Centroid of map b [m].
         coarse: Both maps, coarsened; without a level the start stays.
         loss: What a large offset costs.
-        both_ways: See `refine`.
+        both_ways: Whether points of both maps are brought onto the other, as in `refine`.
     """
     # The solution does not depend on its start: no derivative goes this way.
     led = jax.lax.stop_gradient(to_device(start))

@@ -43,8 +43,8 @@ class HeldDistances(HeldFieldTerm):
     Attributes:
         cells: Cells that the points lie in.
         sample: The points.
-        loss: See `Distances`.
-        is_inverse: See `Distances`.
+        loss: What a large offset costs, as in `Distances`.
+        is_inverse: Whether the points are moved by the inverse of the pose, as in `Distances`.
     """
 
     cells: Cells

@@ -62,8 +62,8 @@ class HeldOccupancies(HeldFieldTerm):
         cells: Cells that the points lie in.
         sample: The points.
         said: Opinion of each point.
-        loss: See `Occupancies`.
-        is_inverse: See `Occupancies`.
+        loss: What a large offset costs, as in `Occupancies`.
+        is_inverse: Whether the points are moved by the inverse of the pose, as in `Occupancies`.
     """
 
     cells: Cells

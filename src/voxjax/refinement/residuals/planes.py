@@ -190,10 +190,10 @@ class HeldPointToPlane(PointTerm):
     Attributes:
         meeting: The planes.
         sample: The points.
-        slide: See `PointToPlane`.
+        slide: Weight of offsets along a plane, as in `PointToPlane`.
         far: Offset that a point without a match costs [m].
-        loss: See `PointToPlane`.
-        is_inverse: See `PointToPlane`.
+        loss: What a large offset costs, as in `PointToPlane`.
+        is_inverse: Whether the points are moved by the inverse of the pose, as in `PointToPlane`.
     """
 
     meeting: Meeting

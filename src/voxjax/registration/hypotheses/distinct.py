@@ -1,4 +1,4 @@
-"""Which of many poses or rotations stand for all that are near them."""
+"""The few of many poses or rotations that stand for all that are near them."""
 
 import numpy as np
 from jaxtyping import Float, Int64

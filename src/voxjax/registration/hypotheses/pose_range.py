@@ -1,4 +1,4 @@
-"""Which poses of a pair can be, by what the caller knows beforehand."""
+"""The poses that a pair can have, by what the caller knows beforehand."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ from .distinct import least_trace
 
 
 class PoseRange(NamedTuple):
-    """Which poses of a pair can be.
+    """The poses that a pair can have.
 
     Attributes:
         centroid: Centroid of map b [m], float32 (3,).

@@ -20,7 +20,7 @@ class EvidenceConfig(Settings, table="evidence"):
 
 @dataclasses.dataclass(frozen=True)
 class SourceConfig(Settings, table="source"):
-    """Which hypotheses are proposed, and how many.
+    """The hypotheses that are proposed, and their number.
 
     Attributes:
         corners: Poses from single corner frames, observed and virtual.

@@ -96,7 +96,7 @@ def weigh_pieces(a: PreparedMap, b: PreparedMap, leaders: Leaders, settings: Ver
 
 
 def rivals(judgement: Judgement, min_share: float = VerdictConfig.min_rival_share) -> np.ndarray:
-    """Which poses (k,) compete for the first place, the best included: those with a share of the best score."""
+    """Whether each pose (k,) competes for the first place: the best one, and those with a share of its score."""
     scores = judgement.score()
     # A pose without a positive score is supported by nothing, and no rival of anything.
     return (scores >= min_share * scores.max(initial=0.0)) & (scores > 0.0)
