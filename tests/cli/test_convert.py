@@ -6,6 +6,7 @@ import numpy as np
 
 from command_line import one_line
 from fake_register import cube_map
+from file_limits import largest_file
 from voxjax import read_map
 from voxjax.cli.main import main
 
@@ -32,3 +33,12 @@ def test_devices_are_no_outputs_even_with_force(maps, capsys):
         assert main(["convert", "m0.npz", name, "--force"]) == 2
         assert words in one_line(capsys)
     assert Path("full.bt").is_symlink()
+
+
+def test_a_map_beyond_the_limit_of_file_sizes_leaves_what_was_there(maps, capsys):
+    before = Path("m1.npz").read_bytes()
+    with largest_file(len(Path("m0.npz").read_bytes()) - 300):
+        assert main(["convert", "m0.npz", "m1.npz", "--force"]) == 2
+    assert "m1.npz cannot be written: File too large" in one_line(capsys)
+    assert Path("m1.npz").read_bytes() == before
+    assert sorted(path.name for path in Path().iterdir()) == sorted(maps)

@@ -1,7 +1,6 @@
 """`voxjax merge` from the outside: exit codes, messages, files."""
 
 import json
-import resource
 from contextlib import redirect_stdout
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,6 +10,7 @@ import pytest
 
 from command_line import WORLD, fake_register, files, one_line
 from fake_register import cube_map, pose
+from file_limits import largest_file
 from voxjax import read_map
 from voxjax._runtime.whole_files import write_files
 from voxjax.cli.main import main
@@ -119,12 +119,8 @@ def test_a_map_beyond_the_limit_of_file_sizes_leaves_no_files(monkeypatch, maps,
     from voxjax.cli import merge as command
 
     def write_under_a_limit(contents, *, force):
-        before = resource.getrlimit(resource.RLIMIT_FSIZE)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (len(contents["m.npz"]) - 300, before[1]))
-        try:
+        with largest_file(len(contents["m.npz"]) - 300):
             write_files(contents, force=force)
-        finally:
-            resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
     fake_register(monkeypatch)
     monkeypatch.setattr(command, "write_files", write_under_a_limit)

@@ -1,26 +1,14 @@
 import errno
 import os
-import resource
 import stat
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
+from file_limits import largest_file
 from voxjax import InputError
 from voxjax._runtime import whole_files
 from voxjax._runtime.whole_files import check_writable, write_file, write_files
-
-
-@contextmanager
-def largest_file(num_bytes: int):
-    """No file of this process may grow beyond `num_bytes`; Python ignores the signal, so writing raises."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (num_bytes, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 def failing(monkeypatch, name: str, when: Path | None, error: BaseException):

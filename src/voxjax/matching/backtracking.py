@@ -14,7 +14,7 @@ from jaxtyping import Bool, Int
 from .._types import Array
 from .associations import check_associations
 
-MAX_SEARCH_NODES = 3_000_000
+MAX_BACKTRACKING_NODES = 3_000_000
 """Default budget; a node costs 1 to 3 microseconds."""
 
 EARLY_COST = 200
@@ -47,7 +47,7 @@ def backtrack(
     adjacency: Bool[Array, "m m"],
     *,
     extend: Extend | None = None,
-    max_nodes: int = MAX_SEARCH_NODES,
+    max_nodes: int = MAX_BACKTRACKING_NODES,
     max_schemes: int = 64,
 ) -> Schemes:
     """Search row by row: a row is a corner of a, its candidates are the corners of b it may match.

@@ -12,10 +12,8 @@ from .._results import RESULTS
 from .._runtime.forks import refused_after_fork
 from .._types import Array
 from ..features.types import Corners
-from .backtracking import MAX_SEARCH_NODES as MAX_BACKTRACKING_NODES
-from .backtracking import backtrack
-from .cliques.maximum import MAX_SEARCH_NODES as MAX_CLIQUE_NODES
-from .cliques.maximum import maximum_clique
+from .backtracking import MAX_BACKTRACKING_NODES, backtrack
+from .cliques.maximum import MAX_CLIQUE_NODES, maximum_clique
 from .consistency import DISTANCE_TOLERANCE, ConsistencyGraph, consistency_graph
 from .early_transform import close_corners
 

@@ -17,7 +17,7 @@ from .budget import SearchBudget
 from .graph_rows import common_neighbours, edges_of_rows, from_edges, pack, usable_edges
 from .greedy import greedy_clique, quick_clique
 
-MAX_SEARCH_NODES = 200_000
+MAX_CLIQUE_NODES = 200_000
 """Default budget; a node costs 10 to 100 microseconds."""
 
 Limit = Literal["nodes", "time"]
@@ -46,7 +46,7 @@ class Clique(NamedTuple):
 def maximum_clique(
     adjacency: Bool[Array, "m m"],
     *,
-    max_nodes: int = MAX_SEARCH_NODES,
+    max_nodes: int = MAX_CLIQUE_NODES,
     max_seconds: float | None = None,
     all_maximum: bool = False,
     max_cliques: int = 64,
