@@ -4,6 +4,7 @@ import pytest
 
 from voxjax._runtime.loading import Loader
 from voxjax._runtime.program import Program
+from voxjax._runtime.program_files import program_path, write_whole
 
 
 def test_a_program_is_loaded_once_and_all_who_ask_get_it(tmp_path):
@@ -44,15 +45,20 @@ def test_a_load_that_failed_is_tried_again(tmp_path):
     assert loader.once(tmp_path / "a", lambda: None) is None
 
 
-def test_nothing_is_loaded_ahead_from_an_empty_folder_nor_after_the_end(tmp_path):
-    loader = Loader(tmp_path)
-    before = threading.active_count()
-    loader.start()
-    assert threading.active_count() == before
-    (tmp_path / "file").write_bytes(b"no program")
-    loader.end()
+def ahead(loader):
+    """Let a loader load ahead; the paths that it asked for."""
     loader.start()
     for thread in threading.enumerate():
         if thread.name == "voxjax programs":
             thread.join(10)
-    assert not loader._loads
+    return list(loader._loads)
+
+
+def test_programs_are_loaded_ahead_until_the_end(tmp_path):
+    assert ahead(Loader(tmp_path)) == []
+    path = program_path(tmp_path, "a" * 64)
+    write_whole(path, b"no program")
+    assert ahead(Loader(tmp_path)) == [path]
+    ended = Loader(tmp_path)
+    ended.end()
+    assert ahead(ended) == []
