@@ -25,8 +25,9 @@ import numpy as np
 
 from bench.fuzz_cases import READERS, damaged, draw
 from bench.memory import peak_megabytes
-from voxjax import InputError, read_map
-from voxjax.cli.info import map_facts
+from voxjax import InputError
+from voxjax.cli.info import loaded_facts
+from voxjax.io import load_map
 
 FINE = ("read", "refused")
 """Outcomes that are no failure."""
@@ -54,7 +55,7 @@ def read_case(path: Path) -> str:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            map_facts(read_map(path, voxel_size=voxel_size))
+            loaded_facts(load_map(path, voxel_size=voxel_size))
     except InputError as error:
         if isinstance(error.__cause__, MemoryError):
             return f"took too much memory: {error}"

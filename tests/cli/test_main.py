@@ -11,10 +11,12 @@ import jax
 import numpy as np
 import pytest
 
+from clouds import write_cloud
 from command_line import content, fake_register, files, one_line
 from fake_register import cube_map
 from voxjax import VoxelGrid, write_map
 from voxjax.cli.main import main
+from voxjax.io import LoadedMap
 
 UNUSABLE = {
     "missing file": (["merge", "m0.npz", "nowhere.bt", "-o", "o.bt"], "nowhere.bt"),
@@ -27,7 +29,16 @@ UNUSABLE = {
     "same output twice": (["merge", "m0.npz", "m1.npz", "-o", "o.npz", "--report", "o.npz"], ".json"),
     "garbage": (["info", "garbage.bt"], "garbage.bt"),
     "empty map": (["merge", "empty.npz", "m0.npz", "-o", "o.bt"], "empty.npz"),
-    "no voxel size": (["info", "cloud.ply"], "--voxel-size"),
+    "no surface": (["info", "three.ply"], "give voxel_size= (--voxel-size) in metres"),
+    "NaN alone": (["info", "nan.ply"], "all 2 points of the cloud are NaN or infinite"),
+    "strict": (
+        ["info", "some.ply", "--strict"],
+        "1 of 2 points are NaN or infinite, which strict (--strict)",
+    ),
+    "crop of five": (["info", "m0.npz", "--crop", "0,0,0,1,1"], "must be six numbers"),
+    "crop inside out": (["info", "m0.npz", "--crop", "0,0,2,1,1,1"], "first three lie below the last three"),
+    "endless crop": (["info", "m0.npz", "--crop", "0,0,0,1,1,inf"], "must be six numbers"),
+    "crop elsewhere": (["convert", "m0.npz", "o.bt", "--crop", "7,7,7,8,8,8"], "m0.npz cannot be read"),
     "bad voxel size": (["info", "m0.npz", "--voxel-size", "-1"], "above 0"),
     "bad config": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--config", "bad.toml"], "bad.toml"),
     "unknown key": (["merge", "m0.npz", "m1.npz", "-o", "o.bt", "--config", "key.toml"], "speed"),
@@ -79,6 +90,9 @@ def test_unusable_input_is_one_line_and_code_2(monkeypatch, maps, capsys, case):
     Path("none.toml").write_text("[leader]\nnum_leaders = 0")
     Path("key.toml").write_text("speed = 3")
     write_map("cloud.ply", cube_map(0))
+    write_cloud("three.ply", [[0, 0, 0], [1.2, 0.3, 0], [0, 0.77, 0.11]])
+    write_cloud("nan.ply", [[np.nan, 0, 0], [0, np.inf, 0]])
+    write_cloud("some.ply", [[np.nan, 0, 0], [0, 0, 0]])
     write_map("empty.npz", VoxelGrid(np.ones((3, 3, 3), np.uint8), np.zeros(3, np.float32), 0.5))
     write_map("void.npz", VoxelGrid(np.ones((0, 3, 3), np.uint8), np.zeros(3, np.float32), 0.5))
     Path("folder.bt").mkdir()
@@ -125,11 +139,11 @@ def test_a_full_disk_behind_the_standard_output_is_said(maps, capsys):
 def test_warnings_are_sentences(monkeypatch, maps, capsys):
     from voxjax.cli import info
 
-    def read_map(path, *, voxel_size):
+    def load_maps(args, paths):
         warnings.warn("something\n is odd", RuntimeWarning, stacklevel=1)
-        return cube_map(0)
+        return [LoadedMap(cube_map(0), ())]
 
-    monkeypatch.setattr(info, "read_map", read_map)
+    monkeypatch.setattr(info, "load_maps", load_maps)
     with warnings.catch_warnings():
         warnings.simplefilter("always")
         assert main(["info", maps[0]]) == 0
@@ -148,9 +162,9 @@ def test_warnings_are_sentences(monkeypatch, maps, capsys):
 def test_too_little_memory_is_said_and_no_fault(monkeypatch, maps, capsys, error):
     from voxjax.cli import info
 
-    def read_map(path, *, voxel_size):
+    def load_maps(args, paths):
         raise error
 
-    monkeypatch.setattr(info, "read_map", read_map)
+    monkeypatch.setattr(info, "load_maps", load_maps)
     assert main(["info", *maps]) == 2
     assert "memory does not suffice" in one_line(capsys)

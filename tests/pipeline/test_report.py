@@ -39,7 +39,7 @@ def test_the_report_has_the_agreed_keys(monkeypatch):
     found = json.loads(json.dumps(_report(monkeypatch, "accepted"), allow_nan=False))
     assert set(found) >= {"status", "voxjax", "device", "voxel_size", "maps", "pairs", "seconds"}
     for entry in found["maps"]:
-        assert set(entry) == {"path", "T_world_map", "num_occupied", "num_free", "num_corners"}
+        assert set(entry) == {"path", "T_world_map", "num_occupied", "num_free", "num_corners", "remarks"}
     assert set(found["pairs"][0]) >= PAIR_KEYS
     assert set(found["pairs"][0]["hypotheses"][0]) >= {"T_a_b", "score"}
     assert found["status"] == "merged"

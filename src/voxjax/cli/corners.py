@@ -6,7 +6,7 @@ import numpy as np
 
 from .._runtime.whole_files import write_files
 from ..features.corners import Corners, detect_corners
-from ..io import read_map
+from .maps import load_maps, warn_of_remarks
 from .outputs import check_outputs
 from .runtime import kept_kernels
 from .streams import tell
@@ -16,9 +16,9 @@ from .streams import tell
 def run(args: argparse.Namespace) -> int:
     """Detect the corners of a map, write them and return the exit code."""
     check_outputs([(args.output, (".csv",))], force=args.force, inputs=[args.map])
-    corners = detect_corners(
-        read_map(args.map, voxel_size=args.voxel_size), virtual=args.virtual, preset=args.preset
-    )
+    maps = load_maps(args, [args.map])
+    warn_of_remarks(maps, [args.map])
+    corners = detect_corners(maps[0].grid, virtual=args.virtual, preset=args.preset)
     write_files({args.output: corners_csv(corners).encode()}, force=args.force)
     mask = np.asarray(corners.mask)
     num_observed = int(np.count_nonzero(mask & np.asarray(corners.is_observed)))

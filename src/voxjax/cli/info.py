@@ -4,14 +4,16 @@ import argparse
 import json
 
 from ..grid import VoxelGrid
-from ..io import read_map
+from ..io import LoadedMap
+from .maps import load_maps
 from .streams import tell
 
 
 def run(args: argparse.Namespace) -> int:
     """Print what each map holds and return the exit code."""
     # All maps are read before the first word: half an answer would look like a whole one.
-    facts = [(path, map_facts(read_map(path, voxel_size=args.voxel_size))) for path in args.maps]
+    maps = load_maps(args, args.maps)
+    facts = [(path, loaded_facts(loaded)) for path, loaded in zip(args.maps, maps, strict=True)]
     if args.json:
         print(json.dumps([{"path": path, **entry} for path, entry in facts], indent=1, allow_nan=False))
         return 0
@@ -20,6 +22,11 @@ def run(args: argparse.Namespace) -> int:
         for line in _lines(entry):
             tell(f"  {line}")
     return 0
+
+
+def loaded_facts(loaded: LoadedMap) -> dict:
+    """What `map_facts` says of a map that was read, and "remarks": what a person should know about it."""
+    return {**map_facts(loaded.grid), "remarks": [remark.as_dict() for remark in loaded.remarks]}
 
 
 def map_facts(grid: VoxelGrid) -> dict:
@@ -52,4 +59,4 @@ def _lines(entry: dict) -> list[str]:
         lines.append(f"{name:<9}{count:>14,}  {100 * entry['shares'][name]:5.1f} %")
     odds = "with log-odds" if entry["log_odds"] else "no log-odds"
     lines.append(f"{entry['memory_bytes'] / 1e6:.1f} MB in memory, {odds}")
-    return lines
+    return lines + [f"{remark['text']}." for remark in entry["remarks"]]

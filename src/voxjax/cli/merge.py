@@ -8,8 +8,7 @@ import numpy as np
 
 from .._checks import InputError
 from .._runtime.whole_files import write_files
-from ..grid import VoxelGrid
-from ..io import ENDINGS, encode_map, read_map
+from ..io import ENDINGS, LoadedMap, encode_map
 from ..pipeline.config import Config
 from ..pipeline.many import merge
 from ..pipeline.merged import Merge
@@ -17,6 +16,7 @@ from ..pipeline.report import merge_report
 from ..view import check_page_support, draw_merge, encode_png, page_html
 from .guess import parse_guess
 from .inputs import check_inputs, read_config
+from .maps import load_maps, warn_of_remarks
 from .outputs import check_outputs, json_bytes
 from .progress import Progress
 from .runtime import kept_kernels
@@ -32,7 +32,11 @@ def run(args: argparse.Namespace) -> int:
     config = Config() if args.config is None else read_config(args.config)
     progress = Progress(quiet=args.quiet)
     progress("read")
-    grids = [read_map(path, voxel_size=args.voxel_size) for path in args.maps]
+    maps = load_maps(args, args.maps)
+    # On a terminal the line of the running stage is replaced by the next one, and would take a remark with it.
+    progress.finish()
+    warn_of_remarks(maps, args.maps)
+    grids = [loaded.grid for loaded in maps]
     # Said here, where the file can be named; the registration would only find no overlap.
     for path, grid in zip(args.maps, grids, strict=True):
         if grid.num_occupied == 0:
@@ -50,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     is_written = merged.status == "merged" or (merged.status == "partial" and args.allow_partial)
     progress("write")
     # All contents exist before the first file does: a fault while drawing leaves nothing behind.
-    write_files(_contents(args, grids, merged, progress, is_written=is_written), force=args.force)
+    write_files(_contents(args, maps, merged, progress, is_written=is_written), force=args.force)
     progress.finish()
     for line in summary(merged, args.maps):
         tell(line)
@@ -153,14 +157,14 @@ def _check(args: argparse.Namespace) -> None:
 
 def _contents(
     args: argparse.Namespace,
-    grids: Sequence[VoxelGrid],
+    maps: Sequence[LoadedMap],
     merged: Merge,
     progress: Progress,
     *,
     is_written: bool,
 ) -> dict[str, bytes]:
     """The bytes of all files to write: without a map to trust, the report alone."""
-    contents = {}
+    contents, grids = {}, [loaded.grid for loaded in maps]
     names = [Path(path).name for path in args.maps]
     if is_written and merged.grid is not None:
         contents[args.output] = encode_map(args.output, merged.grid)
@@ -169,6 +173,12 @@ def _contents(
         if args.html is not None:
             contents[args.html] = page_html(grids, merged.poses, merged.grid).encode()
     if args.report is not None:
-        report = merge_report(merged, grids, args.maps, seconds={"read": progress.seconds.get("read", 0.0)})
+        report = merge_report(
+            merged,
+            grids,
+            args.maps,
+            remarks=[loaded.remarks for loaded in maps],
+            seconds={"read": progress.seconds.get("read", 0.0)},
+        )
         contents[args.report] = json_bytes(report)
     return contents

@@ -1,6 +1,7 @@
 """The arguments of the command `voxjax`; imports nothing heavy."""
 
 import argparse
+import math
 import os
 import sys
 from collections.abc import Sequence
@@ -36,8 +37,9 @@ class _Parser(argparse.ArgumentParser):
 
 def _hint(message: str, given: Sequence[str]) -> str:
     """What the user may have meant, to stand behind one of argparse's messages; often nothing."""
-    if message == "argument --init-guess: expected one argument":
-        return "; write --init-guess=... where the first number is negative"
+    for option in ("--init-guess", "--crop"):
+        if message == f"argument {option}: expected one argument":
+            return f"; write {option}=... where the first number is negative"
     last = given[-1] if given else ""
     # A file that is not there cannot be an input, and has the place where other commands take their output.
     if message.endswith("required: -o/--output") and os.path.splitext(last)[1] and not os.path.exists(last):
@@ -99,12 +101,31 @@ def _add_force(command: argparse.ArgumentParser) -> None:
     command.add_argument("--force", action="store_true", help="overwrite output files that exist")
 
 
-def _add_voxel_size(command: argparse.ArgumentParser) -> None:
+def _add_reading(command: argparse.ArgumentParser) -> None:
+    """How maps are read."""
     command.add_argument(
         "--voxel-size",
         type=positive_number,
         metavar="M",
-        help="edge length of a voxel [m]; clouds (.ply) need it, maps are brought to it",
+        help="edge length of a voxel [m], which maps are brought to; if not given, maps keep theirs, and that of "
+        "clouds (.ply) is estimated from the spacing of their points and printed",
+    )
+    command.add_argument(
+        "--crop",
+        type=box,
+        metavar="X0,Y0,Z0,X1,Y1,Z1",
+        help="keep what lies in this box [m] of each map's own frame; --crop=... where the first is negative",
+    )
+    command.add_argument(
+        "--drop-isolated",
+        action="store_true",
+        help="leave out stray pieces that lie farther from the rest of a map than that is wide",
+    )
+    command.add_argument(
+        "--strict",
+        action="store_true",
+        help="refuse clouds with NaN, infinite or duplicate points; without it, points that are NaN or infinite are "
+        "left out, and their number is printed",
     )
 
 
@@ -130,7 +151,7 @@ def _add_merge(commands) -> None:
     command.add_argument(
         "--html", metavar="V.html", help="a page to turn the fused map around in (voxjax[view])"
     )
-    _add_voxel_size(command)
+    _add_reading(command)
     command.add_argument(
         "--gravity-aligned", action="store_true", help="the z axes of all maps point up: only yaw is unknown"
     )
@@ -160,7 +181,7 @@ def _add_merge(commands) -> None:
 def _add_info(commands) -> None:
     command = _add_command(commands, "info", "Counts, extents, voxel size, share of each state, memory.")
     command.add_argument("maps", nargs="+", metavar="MAP")
-    _add_voxel_size(command)
+    _add_reading(command)
     command.add_argument("--json", action="store_true", help="as JSON")
 
 
@@ -170,7 +191,7 @@ def _add_convert(commands) -> None:
     )
     command.add_argument("input", metavar="IN")
     command.add_argument("output", metavar="OUT")
-    _add_voxel_size(command)
+    _add_reading(command)
     _add_force(command)
 
 
@@ -182,7 +203,7 @@ def _add_corners(commands) -> None:
         "--virtual", action="store_true", help="also corners that are hidden by other things"
     )
     _add_preset(command)
-    _add_voxel_size(command)
+    _add_reading(command)
     _add_force(command)
 
 
@@ -191,7 +212,7 @@ def _add_render(commands) -> None:
     command.add_argument("maps", nargs="+", metavar="MAP")
     command.add_argument("-o", "--output", required=True, metavar="P.png")
     command.add_argument("--keep-ceiling", action="store_true", help="do not cut closed buildings open")
-    _add_voxel_size(command)
+    _add_reading(command)
     _add_force(command)
 
 
@@ -219,6 +240,21 @@ def positive_number(text: str) -> float:
     if not 0.0 < number < float("inf"):
         raise argparse.ArgumentTypeError(f"must be a number above 0, got {text!r}")
     return number
+
+
+def box(text: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Six finite numbers with commas between them: the lowest corner of a box, and the highest."""
+    try:
+        numbers = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        numbers = ()
+    sides = list(zip(numbers[:3], numbers[3:], strict=False))
+    # Said as what must hold, as in `positive_number`.
+    if len(numbers) != 6 or not all(-math.inf < low < high < math.inf for low, high in sides):
+        raise argparse.ArgumentTypeError(
+            f"must be six numbers x0,y0,z0,x1,y1,z1 of which the first three lie below the last three, got {text!r}"
+        )
+    return numbers[:3], numbers[3:]
 
 
 def whole_number(text: str) -> int:

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from .._checks import InputError
 from .._runtime.whole_files import write_files
-from ..io import read_map
 from ..view import draw_maps, encode_png
+from .maps import load_maps, warn_of_remarks
 from .outputs import check_outputs
 from .streams import tell
 
@@ -14,7 +14,9 @@ from .streams import tell
 def run(args: argparse.Namespace) -> int:
     """Draw maps and return the exit code."""
     check_outputs([(args.output, (".png",))], force=args.force, inputs=args.maps)
-    grids = [read_map(path, voxel_size=args.voxel_size) for path in args.maps]
+    maps = load_maps(args, args.maps)
+    warn_of_remarks(maps, args.maps)
+    grids = [loaded.grid for loaded in maps]
     for path, grid in zip(args.maps, grids, strict=True):
         if not grid.states.size:
             raise InputError(f"{path} has no voxels, so there is nothing to draw; leave it out.")

@@ -1,42 +1,77 @@
 """Maps as files of any format: reading, writing, and the bytes of a file, chosen by the file's ending."""
 
 import os
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from .._checks import InputError, check_count, shown
 from .._runtime.whole_files import write_file
 from ..grid import VoxelGrid, check_grid
+from ..maps.findings import Remark, grid_remarks
 from ..ops.resampling.lattice import check_places
-from ..ops.resampling.raycast import grid_from_points
-from .budget import Budget
+from .cloud_maps import CloudOptions, cloud_map
+from .crop import check_crop, crop_grid
 from .files import read_bytes
 from .npz import decode_npz, encode_npz
 from .octomap import decode_bt, decode_ot, encode_bt, encode_ot
-from .ply import decode_ply, encode_ply
+from .ply import encode_ply
+from .strays import without_strays
 
-# Clouds are no maps before they get a voxel size, so that `read_map` decodes them by itself.
+# Clouds are no maps before they have a voxel size, so that they are decoded by `cloud_map`.
 _DECODERS = {".bt": decode_bt, ".ot": decode_ot, ".npz": decode_npz}
 _ENCODERS = {".bt": encode_bt, ".ot": encode_ot, ".npz": encode_npz, ".ply": encode_ply}
 ENDINGS = tuple(_ENCODERS)
 """File endings that can be read and written."""
 
 
+class MapWarning(UserWarning):
+    """Points of a file that are no places were left out of its map."""
+
+
+class LoadedMap(NamedTuple):
+    """A map, and what a person should know about it.
+
+    Attributes:
+        grid: The map.
+        remarks: What was left out, chosen or seen, one sentence each; empty for a map with nothing odd about it.
+    """
+
+    grid: VoxelGrid
+    remarks: tuple[Remark, ...]
+
+
 def read_map(
     path: str | os.PathLike,
     *,
     voxel_size: float | None = None,
+    crop: object = None,
+    drop_isolated: bool = False,
+    strict: bool = False,
     sensor_origins: object = None,
     max_range: float | None = None,
     max_voxels: int | None = None,
 ) -> VoxelGrid:
     """Read a map.
 
+    Nothing is changed unasked, but for points of clouds that are NaN or infinite: they are left out, and a `MapWarning`
+    says how many they are.
+
     Args:
         path: File ending in .bt, .ot, .npz or .ply.
-        voxel_size: Edge length of a voxel [m]. A cloud needs it; another map is brought to it.
-        sensor_origins: For clouds: (3,) or (n, 3) [m], where the points were seen from; gives free space.
+        voxel_size: Edge length of a voxel [m]; a map is brought to it. None keeps that of a map, and estimates that of
+            a cloud from the spacing of its points, rounded to 1, 2 or 5 by a power of ten.
+        crop: Low and high corner of a box (2, 3) [m]: only what lies in it is kept, voxels by their centres, of clouds
+            without sensor origins the points themselves.
+        drop_isolated: Whether pieces are left out that lie farther from the rest than the rest is wide, at most 2 % of
+            what is occupied, and the free space on the way to them.
+        strict: Whether a cloud with NaN, infinite or duplicate points is an error.
+        sensor_origins: For clouds: (3,) or (n, 3) [m], where the points were seen from; gives free space. One row for
+            each point of the file, those that are left out too.
         max_range: For clouds: longest ray [m].
         max_voxels: Largest dense grid to make from a file; None for what a file of its size can need, up to 2**30.
             In either case no more than fits the memory, which the environment variable `VOXJAX_MEMORY` overrides [GB].
@@ -45,31 +80,89 @@ def read_map(
         The map; `.ot` keeps log-odds. From `.bt` and `.ot`: the bounding box of what is known.
 
     Raises:
-        InputError: If the file cannot be read or used; the message names it.
+        InputError: If the file cannot be read or used; the message names it. Among others, a cloud whose spacing was
+            lost because its coordinates, far from zero, are of single precision.
     """
+    options = CloudOptions(
+        voxel_size, crop, drop_isolated, strict, sensor_origins, max_range, max_voxels, looks=False
+    )
     path = _as_path(path)
+    grid, remarks = _load(path, options)
+    for remark in remarks:
+        if remark.code == "not_finite":
+            warnings.warn(f"{path}: {remark.text}.", MapWarning, stacklevel=2)
+    return grid
+
+
+def load_map(
+    path: str | os.PathLike,
+    *,
+    voxel_size: float | None = None,
+    crop: object = None,
+    drop_isolated: bool = False,
+    strict: bool = False,
+    sensor_origins: object = None,
+    max_range: float | None = None,
+    max_voxels: int | None = None,
+) -> LoadedMap:
+    """Read a map as `read_map` does, and look for what a person should know about it.
+
+    Args:
+        path: As in `read_map`, and so are all others.
+        voxel_size: Edge length of a voxel [m].
+        crop: Box to cut to [m].
+        drop_isolated: Whether isolated far pieces are left out.
+        strict: Whether a cloud with NaN, infinite or duplicate points is an error.
+        sensor_origins: For clouds: where the points were seen from [m].
+        max_range: For clouds: longest ray [m].
+        max_voxels: Largest dense grid to make from a file.
+
+    Returns:
+        The map and the remarks; what is left out is among these, and no warning is given.
+
+    Raises:
+        InputError: As in `read_map`.
+    """
+    options = CloudOptions(
+        voxel_size, crop, drop_isolated, strict, sensor_origins, max_range, max_voxels, looks=True
+    )
+    grid, remarks = _load(_as_path(path), options)
+    low, high = grid.extent
+    num_known = grid.num_occupied + grid.num_free
+    has_strays = any(remark.code == "isolated" and not remark.numbers["is_dropped"] for remark in remarks)
+    seen = grid_remarks(low, high, grid.voxel_size, num_known, has_strays=has_strays)
+    return LoadedMap(grid, (*remarks, *seen))
+
+
+def _load(path: Path, options: CloudOptions) -> tuple[VoxelGrid, list[Remark]]:
+    """The map in a file, and what was done to it or, if the options look for it, seen."""
     ending = _ending(path)
-    if max_voxels is not None:
-        max_voxels = check_count("max_voxels", max_voxels, 1)
-    try:
+    if options.max_voxels is not None:
+        options = options._replace(max_voxels=check_count("max_voxels", options.max_voxels, 1))
+    if options.crop is not None:
+        check_crop(options.crop)
+    with _naming(path):
         if ending == ".ply":
-            if voxel_size is None:
-                raise InputError("a cloud needs a voxel size; give voxel_size= (--voxel-size) in metres")
-            return _grid_from_cloud(
-                read_bytes(path),
-                voxel_size=voxel_size,
-                sensor_origins=sensor_origins,
-                max_range=max_range,
-                max_voxels=max_voxels,
-            )
-        if sensor_origins is not None or max_range is not None:
+            return cloud_map(read_bytes(path), options)
+        if options.sensor_origins is not None or options.max_range is not None:
             raise InputError(
                 f"sensor_origins and max_range belong to clouds (.ply), not to {ending} maps; leave them out"
             )
-        grid = _DECODERS[ending](read_bytes(path), max_voxels=max_voxels)
-        # A file may put its map so far out that float32 cannot tell one voxel from the next.
+        grid = _DECODERS[ending](read_bytes(path), max_voxels=options.max_voxels)
+        # A file may put its map so far out that no number tells one voxel from the next.
         check_places(np.stack(grid.extent), grid.voxel_size)
-        return grid if voxel_size is None else grid.with_voxel_size(voxel_size)
+        grid = grid if options.crop is None else crop_grid(grid, options.crop)
+        remarks = []
+        if options.looks or options.drop_isolated:
+            grid, remarks = without_strays(grid, is_dropped=options.drop_isolated)
+        return grid if options.voxel_size is None else grid.with_voxel_size(options.voxel_size), remarks
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Let errors within the block name the file that cannot be read."""
+    try:
+        yield
     except InputError as error:
         raise InputError(f"{path} cannot be read: {str(error).removesuffix('.')}.") from error
     except MemoryError as error:  # a limit that the system does not tell: of a shell, of a batch job
@@ -123,23 +216,3 @@ def _ending(path: Path) -> str:
             "use .bt or .ot (OctoMap), .npz (voxjax) or .ply (points)."
         )
     return ending
-
-
-def _grid_from_cloud(
-    data: bytes, *, voxel_size: float, sensor_origins: object, max_range: float | None, max_voxels: int | None
-) -> VoxelGrid:
-    budget = Budget(len(data), max_voxels)
-    points = decode_ply(data)
-    if not len(points):
-        raise InputError("the cloud has no points")
-    # The most that was seen is 117 bytes for a point. Where rays may cross, the marks of a voxel take four bytes more.
-    budget.check(150 * len(points), "the cloud")
-    bytes_per_voxel = 1 if sensor_origins is None else 5
-    states, origin = grid_from_points(
-        points,
-        voxel_size=voxel_size,
-        sensor_origins=sensor_origins,
-        max_range=max_range,
-        max_voxels=int(min(budget.most_voxels, budget.memory()[0] / bytes_per_voxel)),
-    )
-    return VoxelGrid(states, origin, voxel_size)

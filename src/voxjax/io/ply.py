@@ -47,11 +47,11 @@ def decode_ply(data: bytes) -> np.ndarray:
     Other properties and elements are skipped.
 
     Returns:
-        (n, 3), float64 where the file has doubles, else float32 [m].
+        (n, 3), float64 where the file has doubles, else float32 [m]; NaN and infinite as they stand in the file.
 
     Raises:
-        InputError: If the header is wrong, the file is shorter or longer than the header says, the vertices
-            hold lists, or coordinates are not finite.
+        InputError: If the header is wrong, the file is shorter or longer than the header says, or the vertices
+            hold lists.
     """
     # The most that was seen: a row of three bytes becomes three numbers of eight, twice.
     Budget(len(data)).check(16 * len(data), "reading the cloud")
@@ -72,12 +72,8 @@ def decode_ply(data: bytes) -> np.ndarray:
     # After the last element nothing may follow; what follows after others may be lists of any length.
     is_last = len(elements) == len(before) + 1
     if form == "ascii":
-        points = _read_ascii(data, start, before, vertex, is_last)
-    else:
-        points = _read_binary(data, start, before, vertex, is_last, _BYTE_ORDER[form])
-    if not np.isfinite(points).all():
-        raise InputError("coordinates must be finite, but some are NaN or infinite; remove those points")
-    return points
+        return _read_ascii(data, start, before, vertex, is_last)
+    return _read_binary(data, start, before, vertex, is_last, _BYTE_ORDER[form])
 
 
 def encode_ply(grid: VoxelGrid) -> bytes:
@@ -117,7 +113,7 @@ def _read_ascii(data: bytes, start: int, before: list[Element], vertex: Element,
     types = dict(vertex.properties)
     dtype = np.float64 if any(types[axis] == "f8" for axis in "xyz") else np.float32
     columns = [name for name, _ in vertex.properties]
-    with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite, and is refused as such
+    with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite
         return table[:, [columns.index(axis) for axis in "xyz"]].astype(dtype)
 
 

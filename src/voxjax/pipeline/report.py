@@ -9,6 +9,7 @@ import numpy as np
 
 from .._version import __version__
 from ..grid import VoxelGrid
+from ..maps.findings import Remark
 from ..registration.types import Registration
 from .merged import Merge
 
@@ -18,6 +19,7 @@ def merge_report(
     grids: Sequence[VoxelGrid],
     paths: Sequence[str],
     *,
+    remarks: Sequence[Sequence[Remark]] | None = None,
     seconds: dict[str, float] | None = None,
 ) -> dict[str, Any]:
     """Describe a merge.
@@ -26,6 +28,7 @@ def merge_report(
         merged: Outcome of `voxjax.merge`.
         grids: Maps that were merged.
         paths: File that each map came from.
+        remarks: What was said of each map when it was read; None for nothing.
         seconds: More stages to list beside those of the merge, such as reading {stage: s}.
 
     Returns:
@@ -33,6 +36,7 @@ def merge_report(
         and "loops". Numbers that are not finite become None.
     """
     corners = _corner_counts(merged, grids)
+    remarks = [()] * len(grids) if remarks is None else remarks
     report = {
         "status": merged.status,
         "voxjax": __version__,
@@ -49,8 +53,11 @@ def merge_report(
                 "num_occupied": grid.num_occupied,
                 "num_free": grid.num_free,
                 "num_corners": count,
+                "remarks": [remark.as_dict() for remark in said],
             }
-            for path, pose, grid, count in zip(paths, merged.poses, grids, corners, strict=True)
+            for path, pose, grid, count, said in zip(
+                paths, merged.poses, grids, corners, remarks, strict=True
+            )
         ],
         "pairs": [_pair_report(a, b, registration) for a, b, registration in merged.pairs],
         "loops": [
