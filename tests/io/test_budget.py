@@ -39,7 +39,7 @@ def test_grids_are_refused_by_their_voxels_and_by_their_bytes():
     budget.check_grid((1024, 1024, 512), 1)
     with pytest.raises(InputError, match=r"the map of 1024 x 1024 x 512 voxels needs about 2\.68 GB"):
         budget.check_grid((1024, 1024, 512), 5)
-    with pytest.raises(InputError, match="more than the limit of 1,073,741,824"):
+    with pytest.raises(InputError, match="more than the limit of 2,147,483,647"):
         budget.check_grid((2048, 2048, 512), 1)
     with pytest.raises(InputError, match="more than the limit"):
         budget.check_grid((MAX_VOXELS + 1, 0, 3), 1)

@@ -262,7 +262,9 @@ def test_unusable_ot_bytes_are_refused_in_one_sentence(data, sentence):
 )
 def test_a_small_file_that_expands_to_a_huge_grid_is_refused(decode, data):
     with pytest.raises(
-        InputError, match=r"the map of 1024 x 1024 x 1024 voxels needs about .* GB of memory, and a file"
+        InputError,
+        match=r"the map of 1024 x 1024 x 1024 voxels of 0\.1 m \(1,073,741,824 occupied in the file\) needs about "
+        r".* GB of memory, and a file of .* bytes may take 0\.537 GB; take voxel_size=",
     ):
         decode(data)
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from voxjax import InputError
-from voxjax.io.octree import Leaves, bounding_box, paint, pre_order, prune, subtree_ends, walk_levels
+from voxjax.io.octree import pre_order, prune, subtree_ends, walk_levels
 
 
 def test_subtrees_end_where_the_next_sibling_begins():
@@ -32,28 +32,6 @@ def test_levels_know_the_lowest_voxel_of_each_record():
     assert root_key.tolist() == [[0, 0, 0]]
     assert records.tolist() == [1, 2]
     assert keys.tolist() == [[32768, 0, 0], [0, 32768, 32768]]
-
-
-@pytest.mark.parametrize("depth", [11, 12, 14, 15, 16])
-def test_leaves_of_any_width_fill_their_voxels(depth):
-    width = 1 << (16 - depth)
-    key = np.array([[0, 0, 0], [width, 0, width]], np.int32) + np.int32(64)
-    leaves = [Leaves(depth, key, np.array([1, 2], np.uint8))]
-    low, shape = bounding_box(leaves)
-    assert low.tolist() == [64, 64, 64]
-    assert shape.tolist() == [2 * width, width, 2 * width]
-    dense = paint(leaves, low, tuple(shape.tolist()), np.uint8)
-    assert (dense[:width, :, :width] == 1).all()
-    assert (dense[width:, :, width:] == 2).all()
-    assert np.count_nonzero(dense) == 2 * width**3
-
-
-def test_leaves_beyond_one_piece_are_painted_too():
-    states = np.random.default_rng(0).integers(1, 3, (50, 50, 50)).astype(np.uint8)
-    key = np.argwhere(states).astype(np.int32)
-    assert len(key) > 1 << 16
-    dense = paint([Leaves(16, key, states[tuple(key.T)])], np.zeros(3, np.int64), states.shape, np.uint8)
-    np.testing.assert_array_equal(dense, states)
 
 
 def test_eight_equal_voxels_become_one_leaf():

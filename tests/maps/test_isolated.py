@@ -58,6 +58,7 @@ def test_what_is_isolated_is_all_but_the_smallest_closed_set(seed):
     wider = np.linalg.norm(box[1] - box[0])
     np.testing.assert_allclose(found.low, box[0] - wider)
     np.testing.assert_allclose(found.high, box[1] + wider)
+    np.testing.assert_allclose(found.sides, box[1] - box[0])
 
 
 @pytest.mark.parametrize("shift", [0.0, 5.4e6])

@@ -73,3 +73,33 @@ def pruned(filled: dict) -> dict:
                 found.update({(*key, depth): value for key, value in children})
     assert not level
     return found
+
+
+def file_of(leaves: dict, resolution: float = 0.1, *, with_log_odds: bool = False) -> bytes:
+    """A .bt (or .ot) file with these leaves, {(key x, y, z, depth): state or log-odds}, wherever they lie."""
+    root: dict = {}
+    for (*key, depth), value in leaves.items():
+        path = [sum((k >> (15 - level) & 1) << axis for axis, k in enumerate(key)) for level in range(depth)]
+        node = root
+        for child in path[:-1]:
+            node = node.setdefault(child, {})
+        node[path[-1]] = value
+    nodes: list[bytes] = []
+
+    def write(node: dict) -> int:
+        """Write a node and all below it; the number of these."""
+        word = sum((3 if isinstance(value, dict) else value) << (2 * child) for child, value in node.items())
+        nodes.append(struct.pack("<H", word))
+        below = [write(node[child]) if isinstance(node[child], dict) else 1 for child in sorted(node)]
+        return 1 + sum(below)
+
+    def write_full(node: dict | float) -> int:
+        is_inner = isinstance(node, dict)
+        # The values of inner nodes are passed over by readers.
+        mask = sum(1 << child for child in node) if is_inner else 0
+        nodes.append(struct.pack("<fB", 0.0 if is_inner else node, mask))
+        return 1 + (sum(write_full(node[child]) for child in sorted(node)) if is_inner else 0)
+
+    size = write_full(root) if with_log_odds else write(root)
+    first = b"# Octomap OcTree file" if with_log_odds else b"# Octomap OcTree binary file"
+    return first + b"\nid OcTree\nsize %d\nres %g\ndata\n" % (size, resolution) + b"".join(nodes)

@@ -11,8 +11,8 @@ from typing import NamedTuple
 from .._checks import InputError
 from .._runtime.memory import GIGABYTE, available_memory, chosen_memory
 
-MAX_VOXELS = 1 << 30
-"""Largest dense grid that a reader makes unless told otherwise: 1 GiB of states, and flat indices fit int32."""
+MAX_VOXELS = (1 << 31) - 1
+"""Largest dense grid that a reader makes unless told otherwise: flat indices fit int32."""
 
 
 class Budget(NamedTuple):
@@ -62,14 +62,23 @@ class Budget(NamedTuple):
         Raises:
             InputError: If that is too much.
         """
-        if need < 1 << 24:  # less than a process takes that reads maps: not worth the milliseconds of asking
-            return
-        most, origin = self.memory()
-        if need > most:
+        excess = self.excess(need)
+        if excess is not None:
             raise InputError(
-                f"{what} needs about {need / GIGABYTE:.3g} GB of memory, and {origin}; if the file is right, cut "
-                "it to what is needed, or set VOXJAX_MEMORY to the gigabytes that it may take"
+                f"{what} {excess}; if the file is right, cut it to what is needed, or {self.memory_advice}"
             )
+
+    def excess(self, need: int | float) -> str | None:
+        """What is too much about a need of memory [byte], as the end of a main clause; None if the budget has it."""
+        if need < 1 << 24:  # less than a process takes that reads maps: not worth the milliseconds of asking
+            return None
+        most, origin = self.memory()
+        return f"needs about {need / GIGABYTE:.3g} GB of memory, and {origin}" if need > most else None
+
+    @property
+    def memory_advice(self) -> str:
+        """How a user grants a file more memory, as an infinitive clause without its "to"."""
+        return "set VOXJAX_MEMORY to the gigabytes that it may take"
 
     def check_grid(self, shape: tuple[int, ...], bytes_per_voxel: int, extra: int = 0) -> None:
         """Raise if a dense grid is too large.

@@ -6,135 +6,125 @@ first.
 """
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
-from .._checks import InputError
+from .._checks import InputError, check_voxel_size
 from .._runtime.memory import check_memory
-from .._types import FREE, OCCUPIED, UNKNOWN
+from .._types import OCCUPIED, UNKNOWN
 from ..grid import VoxelGrid
+from ..maps.isolated import IsolatedPieces
 from .budget import Budget
-from .octomap_header import BINARY_LINE, FULL_LINE, Header, read_header, read_legacy_header, write_header
-from .octree import (
-    CHILD_OFFSETS,
-    DEPTH,
-    INNER,
-    NUM_KEYS,
-    Leaves,
-    TreeLevel,
-    bounding_box,
-    children_of,
-    paint,
-    pre_order,
-    prune,
-    walk_levels,
-)
+from .crop import check_crop, nothing_within
+from .fit import check_fit
+from .leaf_strays import split_leaves, stray_bytes
+from .leaves import DEPTH, NUM_KEYS, LeafMap
+from .octomap_header import BINARY_LINE, FULL_LINE, write_header
+from .octomap_leaves import PLAIN_NODE, leaves_of_bt, leaves_of_ot
+from .octree import INNER, TreeLevel, children_of, pre_order, prune
+from .paint import canvas_for, paint
 
 # What OctoMap gives to the leaves of a binary file: its clamping thresholds, probabilities 0.971 and 0.1192.
 LOG_ODDS_OCCUPIED = np.float32(math.log(0.971 / 0.029))
 LOG_ODDS_FREE = np.float32(math.log(0.1192 / 0.8808))
 
-# NumPy's records have no gaps between their fields unless told to, and neither have those of the files.
-_PLAIN_NODE = np.dtype([("log_odds", "<f4"), ("children", "u1")])
-_COLOR_NODE = np.dtype([("log_odds", "<f4"), ("rgb", "u1", 3), ("children", "u1")])
 
-
-def decode_bt(data: bytes, *, max_voxels: int | None = None) -> VoxelGrid:
+def decode_bt(
+    data: bytes,
+    *,
+    voxel_size: float | None = None,
+    crop: object = None,
+    drop_isolated: bool = False,
+    note: Callable[[IsolatedPieces], None] | None = None,
+    max_voxels: int | None = None,
+) -> VoxelGrid:
     """Read the bytes of a `.bt` file; the grid is the bounding box of the known voxels, without log-odds.
+
+    What is asked for is done to the leaves of the tree, and the result alone is dense: it is that of reading all voxels
+    and, in this order, of `crop.crop_grid`, `strays.without_strays` and `VoxelGrid.with_voxel_size`.
 
     Args:
         data: The whole file.
+        voxel_size: Width of the result's voxels [m]; None for the file's.
+        crop: Low and high corner [m] of what is kept, by the centres of the file's voxels; None for all.
+        drop_isolated: Whether isolated far pieces are left out.
+        note: Called with the isolated pieces in metres (`leaf_strays.split_leaves`), none of them or dropped ones too,
+            before anything is refused for its size. Without it, and without `drop_isolated`, nobody looks.
         max_voxels: Largest grid; None for what a file of this size can need.
 
     Raises:
-        InputError: If the bytes are no whole binary OctoMap file, or expand to more than the limit.
+        InputError: If the bytes are no whole binary OctoMap file, nothing lies in the crop, or what is asked for has
+            more voxels than the limit or needs more memory than the file may take.
     """
-    # The most that was seen in a walk: 49 bytes for each byte of a file whose nodes have eight leaves each.
-    budget, walk = Budget(len(data), max_voxels), 64 * len(data)
-    budget.check(walk, "the tree in the file")
-    header = read_header(data) if data.startswith(BINARY_LINE) else read_legacy_header(data)
-    if header.num_nodes == 0:
-        return _empty_grid(header, data, with_log_odds=False)
-    leaves = _leaves_of_bt(data, header)
-    low, shape, origin = _box_of(leaves, header.resolution)
-    budget.check_grid(shape, 1, walk)
-    return VoxelGrid(paint(leaves, low, shape, np.uint8), origin, header.resolution)
+    budget = Budget(len(data), max_voxels)
+    leaves = _chosen_leaves(leaves_of_bt(data, budget), budget, crop, drop_isolated=drop_isolated, note=note)
+    return _painted(leaves, budget, voxel_size)
 
 
-def decode_ot(data: bytes, *, max_voxels: int | None = None) -> VoxelGrid:
+def decode_ot(
+    data: bytes,
+    *,
+    voxel_size: float | None = None,
+    crop: object = None,
+    drop_isolated: bool = False,
+    note: Callable[[IsolatedPieces], None] | None = None,
+    max_voxels: int | None = None,
+) -> VoxelGrid:
     """Read the bytes of an `.ot` file; log-odds are kept, and a voxel is occupied where they are 0 or more.
 
     Args:
         data: The whole file.
-        max_voxels: Largest grid; None for what a file of this size can need.
+        voxel_size: As in `decode_bt`.
+        crop: As in `decode_bt`.
+        drop_isolated: As in `decode_bt`.
+        note: As in `decode_bt`.
+        max_voxels: As in `decode_bt`.
 
     Raises:
-        InputError: If the bytes are no whole OctoMap file of OcTree or ColorOcTree nodes, hold log-odds
-            that are not finite, or expand to more than the limit.
+        InputError: If the bytes are no whole OctoMap file of OcTree or ColorOcTree nodes or hold log-odds that are not
+            finite; and as in `decode_bt`.
     """
-    # The most that was seen in a walk: 13 bytes for each byte of a file whose nodes have eight leaves each.
-    budget, walk = Budget(len(data), max_voxels), 20 * len(data)
-    budget.check(walk, "the tree in the file")
-    if not data.startswith(FULL_LINE):
-        raise InputError(f"the first line must be {FULL_LINE.decode()!r}")
-    header = read_header(data)
-    if header.num_nodes == 0:
-        return _empty_grid(header, data, with_log_odds=True)
-    leaves = _leaves_of_ot(data, header)
-    low, shape, origin = _box_of(leaves, header.resolution)
-    budget.check_grid(shape, 5, walk)
-    log_odds = paint(leaves, low, shape, np.float32)
-    # OctoMap's own threshold is a probability of 0.5, log-odds of 0.
-    states = [Leaves(d, key, np.where(value >= 0, OCCUPIED, FREE)) for d, key, value in leaves]
-    return VoxelGrid(paint(states, low, shape, np.uint8), origin, header.resolution, log_odds)
+    budget = Budget(len(data), max_voxels)
+    leaves = _chosen_leaves(leaves_of_ot(data, budget), budget, crop, drop_isolated=drop_isolated, note=note)
+    return _painted(leaves, budget, voxel_size)
 
 
-def _leaves_of_bt(data: bytes, header: Header) -> list[Leaves]:
-    """Leaves of a binary tree, with states, level by level."""
-    if (len(data) - header.start) % 2:
-        raise InputError(
-            "the data hold an odd number of bytes, but nodes take two each (truncated or trailing bytes)"
+def _chosen_leaves(
+    leaves: LeafMap,
+    budget: Budget,
+    crop: object,
+    *,
+    drop_isolated: bool,
+    note: Callable[[IsolatedPieces], None] | None,
+) -> LeafMap:
+    """What is left of a map by crop and isolation; arguments as in `decode_bt`."""
+    if crop is not None:
+        corners = check_crop(crop)
+        whole, leaves = leaves, leaves.within(corners)
+        if whole.levels and not leaves.levels:
+            raise nothing_within(corners, whole.extent)
+    if leaves.levels and (drop_isolated or note is not None):
+        budget.check(stray_bytes(leaves), "the search for isolated pieces")
+        rest, found = split_leaves(leaves)
+        if note is not None:
+            note(found)
+        leaves = rest if drop_isolated else leaves
+    return leaves
+
+
+def _painted(leaves: LeafMap, budget: Budget, voxel_size: float | None) -> VoxelGrid:
+    """The grid of a map's leaves; one unknown voxel for a map that has none."""
+    voxel_size = leaves.resolution if voxel_size is None else check_voxel_size(voxel_size)
+    if not leaves.levels:
+        unknown = np.zeros((1, 1, 1), np.uint8)
+        return VoxelGrid(
+            unknown, np.zeros(3), voxel_size, unknown.astype(np.float32) if leaves.has_log_odds else None
         )
-    words = np.frombuffer(data, "<u2", offset=header.start)
-    # A record has two bits for each of the eight children, those of the first child lowest.
-    codes = (words[:, None] >> np.arange(0, 16, 2, dtype=np.uint16)).astype(np.uint8) & np.uint8(3)
-    # Leaves stand in the word of their parent, so that inner nodes alone have records to walk.
-    levels = walk_levels(codes == INNER)
-    # Every node but the root is one code that is not 0, in the record of its parent.
-    _check_size(header.num_nodes, 1 + int(np.count_nonzero(codes)))
-    if not words.all():
-        raise InputError("an inner node has no children")
-    leaves = []
-    # The codes of a record are of its children, one level further down.
-    for depth, (record, key) in enumerate(levels, start=1):
-        if depth > DEPTH:
-            raise InputError("the tree is deeper than 16 levels")
-        is_leaf = (codes[record] == FREE) | (codes[record] == OCCUPIED)
-        row, child = np.nonzero(is_leaf)
-        leaf_key = key[row]
-        leaf_key += ((NUM_KEYS >> depth) * CHILD_OFFSETS)[child]
-        leaves.append(Leaves(depth, leaf_key, codes[record[row], child]))
-    return [level for level in leaves if len(level.key)]
-
-
-def _leaves_of_ot(data: bytes, header: Header) -> list[Leaves]:
-    """Leaves of a full tree, with log-odds, level by level."""
-    node = _COLOR_NODE if header.tree_type == "ColorOcTree" else _PLAIN_NODE
-    if (len(data) - header.start) % node.itemsize:
-        raise InputError(
-            f"the data are no whole number of nodes of {node.itemsize} bytes (truncated or trailing bytes)"
-        )
-    nodes = np.frombuffer(data, node, offset=header.start)
-    # Here leaves have records as well, so all records are walked; colours are passed over.
-    levels = walk_levels(np.unpackbits(nodes["children"][:, None], axis=1, bitorder="little").astype(bool))
-    _check_size(header.num_nodes, len(nodes))
-    if not np.isfinite(nodes["log_odds"]).all():
-        raise InputError("log-odds must be finite, but some are NaN or infinite")
-    leaves = []
-    for depth, (record, key) in enumerate(levels):
-        is_leaf = nodes["children"][record] == 0
-        leaves.append(Leaves(depth, key[is_leaf], nodes["log_odds"][record[is_leaf]]))
-    return [level for level in leaves if len(level.key)]
+    check_fit(leaves, budget, voxel_size)
+    canvas = canvas_for(leaves, voxel_size)
+    states, log_odds = paint(leaves, canvas)
+    return VoxelGrid(states, canvas.origin, voxel_size, log_odds)
 
 
 def encode_bt(grid: VoxelGrid) -> bytes:
@@ -191,7 +181,7 @@ def encode_ot(grid: VoxelGrid) -> bytes:
     for depth, level in enumerate(levels):
         at = tuple(index.T)
         assert level.value is not None
-        node = np.zeros(len(index), _PLAIN_NODE)
+        node = np.zeros(len(index), PLAIN_NODE)
         node["log_odds"] = level.value[at]
         keys.append((index + level.low) << (DEPTH - depth))
         depths.append(np.full(len(index), depth, np.uint8))
@@ -206,23 +196,6 @@ def encode_ot(grid: VoxelGrid) -> bytes:
             break
     order = pre_order(np.concatenate(keys), np.concatenate(depths))
     return write_header(FULL_LINE, len(order), grid.voxel_size) + np.concatenate(nodes)[order].tobytes()
-
-
-def _empty_grid(header: Header, data: bytes, *, with_log_odds: bool) -> VoxelGrid:
-    """The map of a file that says it has no nodes: one unknown voxel."""
-    if header.start < len(data):
-        raise InputError("the header says 0 nodes, but data follow (trailing bytes)")
-    unknown = np.zeros((1, 1, 1), np.uint8)
-    log_odds = unknown.astype(np.float32) if with_log_odds else None
-    return VoxelGrid(unknown, np.zeros(3, np.float32), header.resolution, log_odds)
-
-
-def _box_of(leaves: list[Leaves], resolution: float) -> tuple[np.ndarray, tuple[int, int, int], np.ndarray]:
-    """Lowest key int64 (3,), number of voxels and origin float32 (3,) [m] of the box around all leaves."""
-    low, shape = bounding_box(leaves)
-    # OctoMap's keys are counted from its lowest voxel, and half of them lie below the frame's origin.
-    origin = ((low - NUM_KEYS // 2) * resolution).astype(np.float32)
-    return low, (int(shape[0]), int(shape[1]), int(shape[2])), origin
 
 
 def _check_nodes(levels: list[TreeLevel], ending: str, bytes_per_inner: int) -> None:
@@ -274,8 +247,3 @@ def _checked_log_odds(states: np.ndarray, log_odds: np.ndarray) -> np.ndarray:
             "or more), and .ot keeps only log-odds; drop log_odds or make them agree"
         )
     return log_odds
-
-
-def _check_size(stated: int, found: int) -> None:
-    if stated != found:
-        raise InputError(f"the header says {stated:,} nodes, but the data hold {found:,}")

@@ -1,4 +1,4 @@
-"""The octree inside OctoMap files: pre-order records to leaves, and dense voxels to pruned records.
+"""The octree inside OctoMap files: pre-order records to their keys, and dense voxels to pruned records.
 
 An OctoMap tree is 16 levels deep; a voxel has a key of three numbers in 0..65535, and child c of a node
 lies in the upper half along x, y, z where bit 0, 1, 2 of c is set. All work is vectorised, one pass a tree
@@ -10,25 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from .._checks import InputError
+from .leaves import DEPTH, NUM_KEYS
 
-DEPTH = 16
-NUM_KEYS = 1 << DEPTH
 INNER = 3  # beside the states 0 unknown, 1 free, 2 occupied: also the code of the binary format
 CHILD_OFFSETS = np.array([[c & 1, c >> 1 & 1, c >> 2] for c in range(8)], np.int32)
-
-
-class Leaves(NamedTuple):
-    """Leaves of one tree level.
-
-    Attributes:
-        depth: Tree level, 1 to 16; a leaf is `2 ** (16 - depth)` voxels wide.
-        key: int32 (n, 3): key of the lowest voxel.
-        value: (n,): what the leaf holds.
-    """
-
-    depth: int
-    key: np.ndarray
-    value: np.ndarray
 
 
 def subtree_ends(num_children: np.ndarray) -> np.ndarray:
@@ -105,47 +90,6 @@ def walk_levels(has_record: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         if not record.size:
             return levels
     raise InputError("the tree is deeper than 16 levels")
-
-
-def bounding_box(leaves: list[Leaves]) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest key and number of voxels, int64 (3,) each, of the box around all leaves (at least one)."""
-    # Keys are int32, but products of the lengths of a box are not.
-    low = np.min([level.key.min(axis=0) for level in leaves], axis=0).astype(np.int64)
-    # Leaves of one level are equally wide, so the highest key of each level tells where that level ends.
-    high = np.max([level.key.max(axis=0) + (NUM_KEYS >> level.depth) for level in leaves], axis=0)
-    return low, high.astype(np.int64) - low
-
-
-def paint(leaves: list[Leaves], low: np.ndarray, shape: tuple[int, ...], dtype: type) -> np.ndarray:
-    """Dense array (x, y, z) of the leaves' values, zero where there is no leaf."""
-    dense = np.zeros(shape, dtype)
-    for level in leaves:
-        # Piece by piece: the indices of all leaves would take several times the memory of the leaves.
-        for start in range(0, len(level.key), 1 << 16):
-            piece = slice(start, start + (1 << 16))
-            _paint_leaves(dense, level.key[piece] - low, level.value[piece], NUM_KEYS >> level.depth)
-    return dense
-
-
-def _paint_leaves(dense: np.ndarray, corner: np.ndarray, value: np.ndarray, width: int) -> None:
-    """Write leaves of one width [voxel] into a dense array.
-
-    Args:
-        dense: (x, y, z), contiguous.
-        corner: int64 (n, 3): index of the lowest voxel of each leaf.
-        value: (n,): what each leaf holds.
-        width: Edge length of a leaf [voxel].
-    """
-    # Wide leaves are few and long to fill; of narrow ones there are many, so that a loop over their voxels is shorter.
-    if width > 4:
-        for (i, j, k), state in zip(corner.tolist(), value.tolist(), strict=True):
-            dense[i : i + width, j : j + width, k : k + width] = state
-        return
-    flat = dense.reshape(-1)
-    strides = np.array([dense.shape[1] * dense.shape[2], dense.shape[2], 1], np.int64)
-    first = corner @ strides
-    for offset in np.ndindex(width, width, width):
-        flat[first + np.dot(offset, strides)] = value
 
 
 class TreeLevel(NamedTuple):

@@ -26,6 +26,7 @@ class IsolatedPieces(NamedTuple):
         low: float64 (3,): low corner of the space that belongs to the main part: its box, on each side wider by
             its diagonal. Free space beyond was seen by rays to isolated pieces.
         high: float64 (3,): its high corner.
+        sides: float64 (3,): how large the box of the main part is.
     """
 
     piece: np.ndarray
@@ -33,6 +34,7 @@ class IsolatedPieces(NamedTuple):
     distance: np.ndarray
     low: np.ndarray
     high: np.ndarray
+    sides: np.ndarray
 
 
 def isolated_pieces(
@@ -162,5 +164,10 @@ def _pieces(
     number[order] = np.arange(len(order))
     held = np.bincount(group, mass, minlength=len(distance))[order]
     return IsolatedPieces(
-        number[group], np.rint(held).astype(np.int64), distance[order], low - diagonal, high + diagonal
+        number[group],
+        np.rint(held).astype(np.int64),
+        distance[order],
+        low - diagonal,
+        high + diagonal,
+        high - low,
     )
