@@ -25,6 +25,7 @@ from .clouds import (
 from .crop import check_crop, crop_grid, nothing_within
 from .ply import decode_ply
 from .spacing import Spacing, cloud_spacing
+from .strays import piece_remarks
 
 
 class CloudOptions(NamedTuple):
@@ -106,17 +107,16 @@ def _without_strays(
     """The cloud, without its isolated pieces if they are dropped, and remarks that explain a large box."""
     index = filled_voxels(cloud.points, voxel_size)
     pieces = isolated_pieces(index * voxel_size, voxel_size=voxel_size)
-    main = index[pieces.piece < 0]
-    low, high = main.min(axis=0), main.max(axis=0)
-    remarks = [findings.isolated_remark(pieces, is_dropped=is_dropped)]
+    remarks = []
     if spacing is not None:
         apart = spacing.closing if spacing.lattice is None else spacing.lattice
-        remarks.append(findings.units_remark(apart, (high - low + 1) * voxel_size))
+        remarks = piece_remarks(pieces, apart, is_dropped=is_dropped)
     if is_dropped and len(pieces.distance):
         # What is isolated is farther from the main part than that is wide, and so outside of its box.
+        main = index[pieces.piece < 0]
         places = np.floor(cloud.points.astype(np.float64) / voxel_size)
-        cloud = cloud.keep(((places >= low) & (places <= high)).all(axis=1))
-    return cloud, [remark for remark in remarks if remark is not None]
+        cloud = cloud.keep(((places >= main.min(axis=0)) & (places <= main.max(axis=0))).all(axis=1))
+    return cloud, remarks
 
 
 def _grid(cloud: Cloud, voxel_size: float, options: CloudOptions, budget: Budget) -> VoxelGrid:

@@ -13,6 +13,7 @@ from .._checks import InputError, check_count, shown
 from .._runtime.whole_files import write_file
 from ..grid import VoxelGrid, check_grid
 from ..maps.findings import Remark, grid_remarks
+from ..maps.isolated import IsolatedPieces
 from ..ops.resampling.lattice import check_places
 from .cloud_maps import CloudOptions, cloud_map
 from .crop import check_crop, crop_grid
@@ -20,7 +21,7 @@ from .files import read_bytes
 from .npz import decode_npz, encode_npz
 from .octomap import decode_bt, decode_ot, encode_bt, encode_ot
 from .ply import encode_ply
-from .strays import without_strays
+from .strays import piece_remarks, without_strays
 
 # Clouds are no maps before they have a voxel size, so that they are decoded by `cloud_map`.
 _DECODERS = {".bt": decode_bt, ".ot": decode_ot, ".npz": decode_npz}
@@ -148,14 +149,39 @@ def _load(path: Path, options: CloudOptions) -> tuple[VoxelGrid, list[Remark]]:
             raise InputError(
                 f"sensor_origins and max_range belong to clouds (.ply), not to {ending} maps; leave them out"
             )
-        grid = _DECODERS[ending](read_bytes(path), max_voxels=options.max_voxels)
+        read = _dense_map if ending == ".npz" else _octree_map
+        grid, remarks = read(read_bytes(path), ending, options)
         # A file may put its map so far out that no number tells one voxel from the next.
         check_places(np.stack(grid.extent), grid.voxel_size)
-        grid = grid if options.crop is None else crop_grid(grid, options.crop)
-        remarks = []
-        if options.looks or options.drop_isolated:
-            grid, remarks = without_strays(grid, is_dropped=options.drop_isolated)
-        return grid if options.voxel_size is None else grid.with_voxel_size(options.voxel_size), remarks
+        return grid, remarks
+
+
+def _octree_map(data: bytes, ending: str, options: CloudOptions) -> tuple[VoxelGrid, list[Remark]]:
+    """The map of a file that holds a tree, whose leaves are cut before anything dense is made."""
+    found: list[IsolatedPieces] = []
+    grid = _DECODERS[ending](
+        data,
+        voxel_size=options.voxel_size,
+        crop=options.crop,
+        drop_isolated=options.drop_isolated,
+        note=found.append if options.looks else None,
+        max_voxels=options.max_voxels,
+    )
+    remarks = [
+        remark
+        for pieces in found
+        for remark in piece_remarks(pieces, grid.voxel_size, is_dropped=options.drop_isolated)
+    ]
+    return grid, remarks
+
+
+def _dense_map(data: bytes, ending: str, options: CloudOptions) -> tuple[VoxelGrid, list[Remark]]:
+    """The map of a file that holds all voxels."""
+    grid, remarks = _DECODERS[ending](data, max_voxels=options.max_voxels), []
+    grid = grid if options.crop is None else crop_grid(grid, options.crop)
+    if options.looks or options.drop_isolated:
+        grid, remarks = without_strays(grid, is_dropped=options.drop_isolated)
+    return grid if options.voxel_size is None else grid.with_voxel_size(options.voxel_size), remarks
 
 
 @contextmanager

@@ -26,13 +26,21 @@ def without_strays(grid: VoxelGrid, *, is_dropped: bool) -> tuple[VoxelGrid, lis
     index = grid.occupied_index()
     if not len(index):
         return grid, []
-    centres = grid.world_from_index(index).astype(np.float64)
-    pieces = isolated_pieces(centres, voxel_size=grid.voxel_size)
-    main = centres[pieces.piece < 0]
-    sides = main.max(axis=0) - main.min(axis=0) + grid.voxel_size
-    remarks = [isolated_remark(pieces, is_dropped=is_dropped), units_remark(grid.voxel_size, sides)]
+    pieces = isolated_pieces(grid.world_from_index(index), voxel_size=grid.voxel_size)
     kept = _without(grid, index, pieces) if is_dropped and len(pieces.distance) else grid
-    return kept, [remark for remark in remarks if remark is not None]
+    return kept, piece_remarks(pieces, grid.voxel_size, is_dropped=is_dropped)
+
+
+def piece_remarks(pieces: IsolatedPieces, spacing: float, *, is_dropped: bool) -> list[Remark]:
+    """What the isolated pieces of a map, and the lengths of its main part, give to say.
+
+    Args:
+        pieces: What was found, in metres.
+        spacing: Voxel size, or how far apart the points of a cloud lie [m].
+        is_dropped: Whether isolated pieces are left out.
+    """
+    remarks = [isolated_remark(pieces, is_dropped=is_dropped), units_remark(spacing, pieces.sides)]
+    return [remark for remark in remarks if remark is not None]
 
 
 def _without(grid: VoxelGrid, index: Int[np.ndarray, "n 3"], pieces: IsolatedPieces) -> VoxelGrid:
