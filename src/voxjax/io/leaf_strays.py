@@ -50,6 +50,7 @@ def _in_metres(found: IsolatedPieces, resolution: float) -> IsolatedPieces:
         low=(found.low + shift) * resolution,
         high=(found.high + shift) * resolution,
         sides=found.sides * resolution,
+        voxel_size=resolution,
     )
 
 

@@ -74,7 +74,7 @@ def read_map(
         sensor_origins: For clouds: (3,) or (n, 3) [m], where the points were seen from; gives free space. One row for
             each point of the file, those that are left out too.
         max_range: For clouds: longest ray [m].
-        max_voxels: Largest dense grid to make from a file; None for what a file of its size can need, up to 2**30.
+        max_voxels: Largest dense grid to make from a file; None for what a file of its size can need, up to 2**31 - 1.
             In either case no more than fits the memory, which the environment variable `VOXJAX_MEMORY` overrides [GB].
 
     Returns:
@@ -170,7 +170,7 @@ def _octree_map(data: bytes, ending: str, options: CloudOptions) -> tuple[VoxelG
     remarks = [
         remark
         for pieces in found
-        for remark in piece_remarks(pieces, grid.voxel_size, is_dropped=options.drop_isolated)
+        for remark in piece_remarks(pieces, pieces.voxel_size, is_dropped=options.drop_isolated)
     ]
     return grid, remarks
 

@@ -107,7 +107,8 @@ def _chosen_leaves(
     if leaves.levels and (drop_isolated or note is not None):
         budget.check(stray_bytes(leaves), "the search for isolated pieces")
         rest, found = split_leaves(leaves)
-        if note is not None:
+        # A map without a surface has nothing to be isolated from.
+        if note is not None and len(found.piece):
             note(found)
         leaves = rest if drop_isolated else leaves
     return leaves

@@ -27,6 +27,7 @@ class IsolatedPieces(NamedTuple):
             its diagonal. Free space beyond was seen by rays to isolated pieces.
         high: float64 (3,): its high corner.
         sides: float64 (3,): how large the box of the main part is.
+        voxel_size: Width of a voxel, in the points' unit too.
     """
 
     piece: np.ndarray
@@ -35,6 +36,7 @@ class IsolatedPieces(NamedTuple):
     low: np.ndarray
     high: np.ndarray
     sides: np.ndarray
+    voxel_size: float
 
 
 def isolated_pieces(
@@ -170,4 +172,5 @@ def _pieces(
         low - diagonal,
         high + diagonal,
         high - low,
+        voxel_size,
     )
