@@ -57,7 +57,7 @@ def test_the_place_of_most_duplicates_is_named():
     is_first = np.array([True, False, False, False, False, True, True, False])
     remark = duplicates_remark(points, is_first)
     assert remark is not None
-    assert "5 of 8 points are equal to others, 4 of them at (0, 0, 0)" in remark.text
+    assert "5 of 8 points are equal to others, 4 of them at (0, 0, 0), as rays" in remark.text
     assert duplicates_remark(points[[0, 5, 6]], is_first[[0, 5, 6]]) is None
 
 

@@ -85,13 +85,15 @@ def duplicates_remark(ordered: Real[np.ndarray, "n 3"], is_first: Bool[np.ndarra
         return None
     starts = np.flatnonzero(is_first)
     runs = np.diff(np.append(starts, len(is_first)))
-    # Sensors that saw nothing often give all such points one place, that of the sensor.
+    # Rays that met nothing often have one place, that of the sensor, where no surface is.
     most, place = int(runs.max()) - 1, ordered[starts[runs.argmax()]]
     where = ", ".join(f"{value:g}" for value in place)
-    of_one = f", {most:,} of them at ({where})" if 2 * most > num_duplicates > 1 else ""
+    of_one = ""
+    if 2 * most > num_duplicates > 1:
+        of_one = f", {most:,} of them at ({where}), as rays that met nothing may have"
     return Remark(
         "duplicates",
-        f"{num_duplicates:,} of {len(is_first):,} points are equal to others{of_one}, which changes no voxel",
+        f"{num_duplicates:,} of {len(is_first):,} points are equal to others{of_one}; equal points fill one voxel",
         {"num_duplicates": num_duplicates, "num_points": len(is_first)},
     )
 
