@@ -26,8 +26,8 @@ import numpy as np
 from bench.fuzz_cases import READERS, damaged, draw
 from bench.memory import peak_megabytes
 from voxjax import InputError
-from voxjax.cli.info import loaded_facts
-from voxjax.io import load_map
+from voxjax.cli.info import described_facts
+from voxjax.io import describe_map, load_map
 
 FINE = ("read", "refused")
 """Outcomes that are no failure."""
@@ -50,13 +50,14 @@ class Limits(NamedTuple):
 
 
 def read_case(path: Path) -> str:
-    """Read a file as `voxjax info` does; "read", "refused", or else what went wrong."""
+    """Describe a file as `voxjax info` does, and read it; "read", "refused", or else what went wrong."""
     # The voxel size of a cloud is given as often as it is estimated.
     voxel_size = 0.1 if path.suffix == ".ply" and path.stat().st_size % 2 else None
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            loaded_facts(load_map(path, voxel_size=voxel_size))
+            described_facts(describe_map(path, voxel_size=voxel_size))
+            load_map(path, voxel_size=voxel_size)
     except InputError as error:
         if isinstance(error.__cause__, MemoryError):
             return f"took too much memory: {error}"

@@ -77,24 +77,24 @@ def test_the_same_seed_draws_the_same_files():
     ],
 )
 def test_only_a_sentence_is_a_refusal(monkeypatch, error, outcome):
-    def load_map(path, *, voxel_size):
+    def describe_map(path, *, voxel_size):
         raise error
 
-    monkeypatch.setattr(fuzz, "load_map", load_map)
+    monkeypatch.setattr(fuzz, "describe_map", describe_map)
     assert outcome in fuzz.read_case(Path("m.bt"))
 
 
 def test_memory_that_was_not_granted_is_a_failure(monkeypatch):
-    def load_map(path, *, voxel_size):
+    def describe_map(path, *, voxel_size):
         raise InputError("m.bt cannot be read: no memory.") from MemoryError()
 
-    monkeypatch.setattr(fuzz, "load_map", load_map)
+    monkeypatch.setattr(fuzz, "describe_map", describe_map)
     assert "took too much memory" in fuzz.read_case(Path("m.bt"))
 
 
 def test_a_warning_is_a_failure(monkeypatch):
     monkeypatch.setattr(
-        fuzz, "load_map", lambda *a, **k: warnings.warn("overflow", RuntimeWarning, stacklevel=1)
+        fuzz, "describe_map", lambda *a, **k: warnings.warn("overflow", RuntimeWarning, stacklevel=1)
     )
     assert "RuntimeWarning: overflow" in fuzz.read_case(Path("m.bt"))
 

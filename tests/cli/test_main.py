@@ -16,7 +16,8 @@ from command_line import content, fake_register, files, one_line
 from fake_register import cube_map
 from voxjax import VoxelGrid, write_map
 from voxjax.cli.main import main
-from voxjax.io import LoadedMap
+from voxjax.io import DescribedMap
+from voxjax.io.map_facts import facts_of_grid
 
 UNUSABLE = {
     "missing file": (["merge", "m0.npz", "nowhere.bt", "-o", "o.bt"], "nowhere.bt"),
@@ -139,11 +140,11 @@ def test_a_full_disk_behind_the_standard_output_is_said(maps, capsys):
 def test_warnings_are_sentences(monkeypatch, maps, capsys):
     from voxjax.cli import info
 
-    def load_maps(args, paths):
+    def describe_map(path, **options):
         warnings.warn("something\n is odd", RuntimeWarning, stacklevel=1)
-        return [LoadedMap(cube_map(0), ())]
+        return DescribedMap(facts_of_grid(cube_map(0)), ())
 
-    monkeypatch.setattr(info, "load_maps", load_maps)
+    monkeypatch.setattr(info, "describe_map", describe_map)
     with warnings.catch_warnings():
         warnings.simplefilter("always")
         assert main(["info", maps[0]]) == 0
@@ -162,9 +163,9 @@ def test_warnings_are_sentences(monkeypatch, maps, capsys):
 def test_too_little_memory_is_said_and_no_fault(monkeypatch, maps, capsys, error):
     from voxjax.cli import info
 
-    def load_maps(args, paths):
+    def describe_map(path, **options):
         raise error
 
-    monkeypatch.setattr(info, "load_maps", load_maps)
+    monkeypatch.setattr(info, "describe_map", describe_map)
     assert main(["info", *maps]) == 2
     assert "memory does not suffice" in one_line(capsys)

@@ -81,10 +81,14 @@ def test_a_wide_leaf_counts_as_its_voxels():
     assert strays.distance[0] == pytest.approx(remark.numbers["farthest_m"], rel=0.005)
 
 
-def test_solid_blocks_take_memory_by_their_leaves_not_their_volume():
-    key = np.argwhere(np.ones((20, 20, 20))).astype(np.int32) * 64 + 1024
-    solid = leaf_map([Leaves(10, key, np.full(len(key), 2, np.uint8))], 0.1, has_log_odds=False)
-    assert stray_bytes(solid) < 1000 * len(key) + 1e6
+@pytest.mark.parametrize(("side", "depth", "samples"), [(16, 10, 64), (20, 10, 8), (50, 15, 1)])
+def test_solid_blocks_take_memory_by_their_leaves_not_their_volume(side, depth, samples):
+    width = 1 << (16 - depth)
+    key = np.argwhere(np.ones((side, side, side))).astype(np.int32) * width + 1024
+    key[-1] += 40_000
+    solid = leaf_map([Leaves(depth, key, np.full(len(key), 2, np.uint8))], 0.1, has_log_odds=False)
+    assert stray_bytes(solid) == solid.num_bytes + 125 * samples * len(key)
     rest, strays = split_leaves(solid)
-    assert rest is solid
-    assert not len(strays.distance)
+    assert rest.num_leaves == side**3 - 1
+    assert strays.num_voxels.tolist() == [width**3]
+    np.testing.assert_allclose(strays.sides, side * width * 0.1, rtol=0.02)

@@ -3,17 +3,15 @@
 import argparse
 import json
 
-from ..grid import VoxelGrid
-from ..io import LoadedMap
-from .maps import load_maps
+from ..io import DescribedMap, describe_map
+from .maps import reading_options
 from .streams import tell
 
 
 def run(args: argparse.Namespace) -> int:
     """Print what each map holds and return the exit code."""
     # All maps are read before the first word: half an answer would look like a whole one.
-    maps = load_maps(args, args.maps)
-    facts = [(path, loaded_facts(loaded)) for path, loaded in zip(args.maps, maps, strict=True)]
+    facts = [(path, described_facts(describe_map(path, **reading_options(args)))) for path in args.maps]
     if args.json:
         print(json.dumps([{"path": path, **entry} for path, entry in facts], indent=1, allow_nan=False))
         return 0
@@ -24,27 +22,22 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def loaded_facts(loaded: LoadedMap) -> dict:
-    """What `map_facts` says of a map that was read, and "remarks": what a person should know about it."""
-    return {**map_facts(loaded.grid), "remarks": [remark.as_dict() for remark in loaded.remarks]}
-
-
-def map_facts(grid: VoxelGrid) -> dict:
-    """Counts, extents [m], voxel size [m], shares and memory [byte] of a map."""
-    low, high = grid.extent
-    total = grid.shape[0] * grid.shape[1] * grid.shape[2]
-    counts = {"occupied": grid.num_occupied, "free": grid.num_free}
-    counts["unknown"] = total - counts["occupied"] - counts["free"]
+def described_facts(described: DescribedMap) -> dict:
+    """Counts, extents [m], voxel size [m], shares and memory [byte] of a map, and "remarks" about it."""
+    facts = described.facts
+    counts = {"occupied": facts.num_occupied, "free": facts.num_free}
+    counts["unknown"] = facts.num_voxels - sum(counts.values())
     return {
-        "voxel_size": grid.voxel_size,
-        "shape": list(grid.shape),
-        "low": [round(float(value), 4) for value in low],
-        "high": [round(float(value), 4) for value in high],
+        "voxel_size": facts.voxel_size,
+        "shape": list(facts.shape),
+        "low": [round(float(value), 4) for value in facts.low],
+        "high": [round(float(value), 4) for value in facts.high],
         "counts": counts,
         # A map may have no voxel at all, and then has no share of anything.
-        "shares": {name: count / max(total, 1) for name, count in counts.items()},
-        "log_odds": grid.log_odds is not None,
-        "memory_bytes": grid.states.nbytes + (0 if grid.log_odds is None else grid.log_odds.nbytes),
+        "shares": {name: count / max(facts.num_voxels, 1) for name, count in counts.items()},
+        "log_odds": facts.has_log_odds,
+        "memory_bytes": facts.num_bytes,
+        "remarks": [remark.as_dict() for remark in described.remarks],
     }
 
 

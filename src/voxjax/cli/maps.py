@@ -13,16 +13,12 @@ def load_maps(args: argparse.Namespace, paths: Sequence[str]) -> list[LoadedMap]
     Raises:
         InputError: If one of them cannot be read or used.
     """
-    return [
-        load_map(
-            path,
-            voxel_size=args.voxel_size,
-            crop=args.crop,
-            drop_isolated=args.drop_isolated,
-            strict=args.strict,
-        )
-        for path in paths
-    ]
+    return [load_map(path, **reading_options(args)) for path in paths]
+
+
+def reading_options(args: argparse.Namespace) -> dict:
+    """The options that all commands have for reading, by their names in `io.load_map`."""
+    return {name: getattr(args, name) for name in ("voxel_size", "crop", "drop_isolated", "strict")}
 
 
 def warn_of_remarks(maps: Sequence[LoadedMap], paths: Sequence[str]) -> None:

@@ -57,8 +57,8 @@ def _in_metres(found: IsolatedPieces, resolution: float) -> IsolatedPieces:
 def _samples_along(leaves: LeafMap) -> int:
     """How many voxels along each edge of an occupied leaf stand for it: all, up to 8, unless those are too many."""
     # Solid blocks would take memory by their volume; a few times that of the leaves is granted, or that of a small map.
-    most = max(8 * leaves.num_leaves, 1 << 18)
-    return next((side for side in (8, 4) if sum(_num_samples(leaves, side)) <= most), 2)
+    most = max(2 * leaves.num_leaves, 1 << 18)
+    return next((side for side in (8, 4, 2) if sum(_num_samples(leaves, side)) <= most), 1)
 
 
 def _num_samples(leaves: LeafMap, side: int) -> list[int]:
@@ -72,7 +72,7 @@ def _num_samples(leaves: LeafMap, side: int) -> list[int]:
 def _write_samples(
     leaves: LeafMap, level: Leaves, side: int, places: np.ndarray, weights: np.ndarray
 ) -> None:
-    """Voxels spread over each occupied leaf of a level, its corners among them, leaf by leaf.
+    """Voxels spread over each occupied leaf of a level, its corners among them; a single one is its middle.
 
     Args:
         leaves: The map, whose window cuts the leaves.
@@ -81,7 +81,7 @@ def _write_samples(
         places: int32 (m, 3): its first rows get their keys.
         weights: float64 (m,): its first places get how many voxels each stands for.
     """
-    steps, end = np.arange(side) / max(side - 1, 1), 0
+    steps, end = np.arange(side) / (side - 1) if side > 1 else np.full(1, 0.5), 0
     for piece in pieces(level):
         low, high = leaves.boxes(piece.where(piece.states() == OCCUPIED))
         # Of the extent less one: the first step is the lowest voxel and the last step the highest.

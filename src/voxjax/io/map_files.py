@@ -15,17 +15,21 @@ from ..grid import VoxelGrid, check_grid
 from ..maps.findings import Remark, grid_remarks
 from ..maps.isolated import IsolatedPieces
 from ..ops.resampling.lattice import check_places
+from .budget import Budget
 from .cloud_maps import CloudOptions, cloud_map
 from .crop import check_crop, crop_grid
 from .files import read_bytes
+from .map_facts import MapFacts, facts_of_grid, facts_of_leaves
 from .npz import decode_npz, encode_npz
-from .octomap import decode_bt, decode_ot, encode_bt, encode_ot
+from .octomap import chosen_leaves, decode_bt, decode_ot, encode_bt, encode_ot
+from .octomap_leaves import leaves_of_bt, leaves_of_ot
 from .ply import encode_ply
 from .strays import piece_remarks, without_strays
 
 # Clouds are no maps before they have a voxel size, so that they are decoded by `cloud_map`.
 _DECODERS = {".bt": decode_bt, ".ot": decode_ot, ".npz": decode_npz}
 _ENCODERS = {".bt": encode_bt, ".ot": encode_ot, ".npz": encode_npz, ".ply": encode_ply}
+_LEAVES = {".bt": leaves_of_bt, ".ot": leaves_of_ot}
 ENDINGS = tuple(_ENCODERS)
 """File endings that can be read and written."""
 
@@ -43,6 +47,18 @@ class LoadedMap(NamedTuple):
     """
 
     grid: VoxelGrid
+    remarks: tuple[Remark, ...]
+
+
+class DescribedMap(NamedTuple):
+    """A map in figures, and what a person should know about it.
+
+    Attributes:
+        facts: What the map holds.
+        remarks: As in `LoadedMap`.
+    """
+
+    facts: MapFacts
     remarks: tuple[Remark, ...]
 
 
@@ -128,11 +144,53 @@ def load_map(
         voxel_size, crop, drop_isolated, strict, sensor_origins, max_range, max_voxels, looks=True
     )
     grid, remarks = _load(_as_path(path), options)
-    low, high = grid.extent
-    num_known = grid.num_occupied + grid.num_free
+    return LoadedMap(grid, _with_box_remarks(remarks, facts_of_grid(grid)))
+
+
+def describe_map(
+    path: str | os.PathLike,
+    *,
+    voxel_size: float | None = None,
+    crop: object = None,
+    drop_isolated: bool = False,
+    strict: bool = False,
+) -> DescribedMap:
+    """What `load_map` would give, in figures; of an octree at its own voxel size no dense grid is made for that.
+
+    Args:
+        path: As in `read_map`, and so are all others.
+        voxel_size: Edge length of a voxel [m].
+        crop: Box to cut to [m].
+        drop_isolated: Whether isolated far pieces are left out.
+        strict: Whether a cloud with NaN, infinite or duplicate points is an error.
+
+    Raises:
+        InputError: As in `read_map`.
+    """
+    path = _as_path(path)
+    ending = _ending(path)
+    options = CloudOptions(voxel_size, crop, drop_isolated, strict, None, None, None, looks=True)
+    if ending not in _LEAVES or voxel_size is not None:
+        grid, remarks = _load(path, options)
+        facts = facts_of_grid(grid)
+    else:
+        found: list[IsolatedPieces] = []
+        with _naming(path):
+            data = read_bytes(path)
+            budget = Budget(len(data))
+            leaves = chosen_leaves(
+                _LEAVES[ending](data, budget), budget, crop, drop_isolated=drop_isolated, note=found.append
+            )
+        facts, remarks = facts_of_leaves(leaves), _piece_remarks(found, options)
+    return DescribedMap(facts, _with_box_remarks(remarks, facts))
+
+
+def _with_box_remarks(remarks: list[Remark], facts: MapFacts) -> tuple[Remark, ...]:
+    """Remarks about a map, and those about its box."""
     has_strays = any(remark.code == "isolated" and not remark.numbers["is_dropped"] for remark in remarks)
-    seen = grid_remarks(low, high, grid.voxel_size, num_known, has_strays=has_strays)
-    return LoadedMap(grid, (*remarks, *seen))
+    num_known = facts.num_occupied + facts.num_free
+    seen = grid_remarks(facts.low, facts.high, facts.voxel_size, num_known, has_strays=has_strays)
+    return (*remarks, *seen)
 
 
 def _load(path: Path, options: CloudOptions) -> tuple[VoxelGrid, list[Remark]]:
@@ -167,12 +225,16 @@ def _octree_map(data: bytes, ending: str, options: CloudOptions) -> tuple[VoxelG
         note=found.append if options.looks else None,
         max_voxels=options.max_voxels,
     )
-    remarks = [
+    return grid, _piece_remarks(found, options)
+
+
+def _piece_remarks(found: list[IsolatedPieces], options: CloudOptions) -> list[Remark]:
+    """What an octree's reader has noted, as remarks."""
+    return [
         remark
         for pieces in found
         for remark in piece_remarks(pieces, pieces.voxel_size, is_dropped=options.drop_isolated)
     ]
-    return grid, remarks
 
 
 def _dense_map(data: bytes, ending: str, options: CloudOptions) -> tuple[VoxelGrid, list[Remark]]:

@@ -58,7 +58,7 @@ def decode_bt(
             more voxels than the limit or needs more memory than the file may take.
     """
     budget = Budget(len(data), max_voxels)
-    leaves = _chosen_leaves(leaves_of_bt(data, budget), budget, crop, drop_isolated=drop_isolated, note=note)
+    leaves = chosen_leaves(leaves_of_bt(data, budget), budget, crop, drop_isolated=drop_isolated, note=note)
     return _painted(leaves, budget, voxel_size)
 
 
@@ -86,11 +86,11 @@ def decode_ot(
             finite; and as in `decode_bt`.
     """
     budget = Budget(len(data), max_voxels)
-    leaves = _chosen_leaves(leaves_of_ot(data, budget), budget, crop, drop_isolated=drop_isolated, note=note)
+    leaves = chosen_leaves(leaves_of_ot(data, budget), budget, crop, drop_isolated=drop_isolated, note=note)
     return _painted(leaves, budget, voxel_size)
 
 
-def _chosen_leaves(
+def chosen_leaves(
     leaves: LeafMap,
     budget: Budget,
     crop: object,
@@ -98,7 +98,18 @@ def _chosen_leaves(
     drop_isolated: bool,
     note: Callable[[IsolatedPieces], None] | None,
 ) -> LeafMap:
-    """What is left of a map by crop and isolation; arguments as in `decode_bt`."""
+    """What is left of a map by crop and isolation.
+
+    Args:
+        leaves: All that its file holds.
+        budget: What reading the file may take.
+        crop: As in `decode_bt`.
+        drop_isolated: As in `decode_bt`.
+        note: As in `decode_bt`.
+
+    Raises:
+        InputError: If nothing lies in the crop, or there is no memory to look for isolated pieces.
+    """
     if crop is not None:
         corners = check_crop(crop)
         whole, leaves = leaves, leaves.within(corners)
