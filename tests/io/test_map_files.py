@@ -4,7 +4,7 @@ import pytest
 import voxjax as vx
 from clouds import write_cloud
 from voxjax import InputError, VoxelGrid
-from voxjax.io import ENDINGS, map_files
+from voxjax.io import ENDINGS, load_map, map_files
 
 
 def make_grid() -> VoxelGrid:
@@ -112,6 +112,15 @@ def test_max_voxels_bounds_clouds_too(tmp_path):
     assert vx.read_map(tmp_path / "c.ply", voxel_size=0.5, max_voxels=27).shape == (3, 3, 3)
     with pytest.raises(InputError, match="above the limit of 26"):
         vx.read_map(tmp_path / "c.ply", voxel_size=0.5, max_voxels=26)
+
+
+@pytest.mark.real_maps
+def test_good_maps_get_no_remarks(maps_folder):
+    paths = sorted([*(maps_folder / "real").glob("*/?.*"), *(maps_folder / "sim").glob("*_0/?.bt")])
+    found = {str(path): [r.code for r in load_map(path).remarks] for path in paths if path.suffix != ".json"}
+    assert len(found) > 20
+    for path, codes in found.items():
+        assert codes == (["estimated_voxel_size"] if path.endswith(".ply") else []), path
 
 
 @pytest.mark.parametrize("ending", [".ply", ".bt", ".ot"])

@@ -2,6 +2,7 @@
 
 import json
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -125,6 +126,17 @@ def test_what_lies_on_no_lattice_has_no_step():
     assert lattice_step(lattice, 1e-6) == 1.0
     assert lattice_step(lattice, 0.3) is None
     assert lattice_step(np.concatenate([lattice, [[2.4, 0, 0]]]), 1e-6) is None
+
+
+def test_many_neighbours_take_little_memory():
+    # On a line nothing lies across, so that as many neighbours are asked for as may be.
+    points = room_points(0.05) * [1, 0, 0]
+    tracemalloc.start()
+    try:
+        closing_lengths(points)
+        assert tracemalloc.get_traced_memory()[1] < 24e6
+    finally:
+        tracemalloc.stop()
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 4])

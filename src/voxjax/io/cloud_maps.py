@@ -28,15 +28,15 @@ from .spacing import Spacing, cloud_spacing
 from .strays import piece_remarks
 
 
-class CloudOptions(NamedTuple):
-    """How a cloud is read; the fields are those of `read_map`.
+class ReadOptions(NamedTuple):
+    """How a map is read; the fields are those of `read_map`.
 
     Attributes:
-        voxel_size: Edge length of a voxel [m]; None estimates it.
+        voxel_size: Edge length of a voxel [m]; None estimates that of a cloud.
         crop: Low and high corner of the box to cut to [m]; None keeps all.
         drop_isolated: Whether isolated far pieces are left out.
-        strict: Whether points that are no places, or equal, are an error.
-        sensor_origins: Where the points were seen from [m]; None if that is not known.
+        strict: Whether points of a cloud that are no places, or equal, are an error.
+        sensor_origins: Where the points of a cloud were seen from [m]; None if that is not known.
         max_range: Longest ray [m].
         max_voxels: Largest dense grid to make.
         looks: Whether to look for all that may be wrong, beside what has to be said anyway.
@@ -52,7 +52,7 @@ class CloudOptions(NamedTuple):
     looks: bool
 
 
-def cloud_map(data: bytes, options: CloudOptions) -> tuple[VoxelGrid, list[Remark]]:
+def cloud_map(data: bytes, options: ReadOptions) -> tuple[VoxelGrid, list[Remark]]:
     """The map of the bytes of a `.ply` file, and what a person should know about it.
 
     Raises:
@@ -87,7 +87,7 @@ def cloud_map(data: bytes, options: CloudOptions) -> tuple[VoxelGrid, list[Remar
 
 
 def _voxel_size(
-    cloud: Cloud, ordered: OrderedPoints | None, options: CloudOptions
+    cloud: Cloud, ordered: OrderedPoints | None, options: ReadOptions
 ) -> tuple[float, Spacing | None]:
     """The voxel size [m], and how far apart the points lie; None where nobody asks for that."""
     if options.voxel_size is not None:
@@ -119,7 +119,7 @@ def _without_strays(
     return cloud, remarks
 
 
-def _grid(cloud: Cloud, voxel_size: float, options: CloudOptions, budget: Budget) -> VoxelGrid:
+def _grid(cloud: Cloud, voxel_size: float, options: ReadOptions, budget: Budget) -> VoxelGrid:
     """The voxels that hold points, and those that rays cross, cut to the box that was asked for."""
     # Where rays may cross, the marks of a voxel take four bytes more.
     bytes_per_voxel = 1 if cloud.sensor_origins is None else 5

@@ -16,7 +16,7 @@ from ..maps.findings import Remark, grid_remarks
 from ..maps.isolated import IsolatedPieces
 from ..ops.resampling.lattice import check_places
 from .budget import Budget
-from .cloud_maps import CloudOptions, cloud_map
+from .cloud_maps import ReadOptions, cloud_map
 from .crop import check_crop, crop_grid
 from .files import read_bytes
 from .map_facts import MapFacts, facts_of_grid, facts_of_leaves
@@ -100,7 +100,7 @@ def read_map(
         InputError: If the file cannot be read or used; the message names it. Among others, a cloud whose spacing was
             lost because its coordinates, far from zero, are of single precision.
     """
-    options = CloudOptions(
+    options = ReadOptions(
         voxel_size, crop, drop_isolated, strict, sensor_origins, max_range, max_voxels, looks=False
     )
     path = _as_path(path)
@@ -140,7 +140,7 @@ def load_map(
     Raises:
         InputError: As in `read_map`.
     """
-    options = CloudOptions(
+    options = ReadOptions(
         voxel_size, crop, drop_isolated, strict, sensor_origins, max_range, max_voxels, looks=True
     )
     grid, remarks = _load(_as_path(path), options)
@@ -169,7 +169,7 @@ def describe_map(
     """
     path = _as_path(path)
     ending = _ending(path)
-    options = CloudOptions(voxel_size, crop, drop_isolated, strict, None, None, None, looks=True)
+    options = ReadOptions(voxel_size, crop, drop_isolated, strict, None, None, None, looks=True)
     if ending not in _LEAVES or voxel_size is not None:
         grid, remarks = _load(path, options)
         facts = facts_of_grid(grid)
@@ -193,7 +193,7 @@ def _with_box_remarks(remarks: list[Remark], facts: MapFacts) -> tuple[Remark, .
     return (*remarks, *seen)
 
 
-def _load(path: Path, options: CloudOptions) -> tuple[VoxelGrid, list[Remark]]:
+def _load(path: Path, options: ReadOptions) -> tuple[VoxelGrid, list[Remark]]:
     """The map in a file, and what was done to it or, if the options look for it, seen."""
     ending = _ending(path)
     if options.max_voxels is not None:
@@ -214,7 +214,7 @@ def _load(path: Path, options: CloudOptions) -> tuple[VoxelGrid, list[Remark]]:
         return grid, remarks
 
 
-def _octree_map(data: bytes, ending: str, options: CloudOptions) -> tuple[VoxelGrid, list[Remark]]:
+def _octree_map(data: bytes, ending: str, options: ReadOptions) -> tuple[VoxelGrid, list[Remark]]:
     """The map of a file that holds a tree, whose leaves are cut before anything dense is made."""
     found: list[IsolatedPieces] = []
     grid = _DECODERS[ending](
@@ -228,7 +228,7 @@ def _octree_map(data: bytes, ending: str, options: CloudOptions) -> tuple[VoxelG
     return grid, _piece_remarks(found, options)
 
 
-def _piece_remarks(found: list[IsolatedPieces], options: CloudOptions) -> list[Remark]:
+def _piece_remarks(found: list[IsolatedPieces], options: ReadOptions) -> list[Remark]:
     """What an octree's reader has noted, as remarks."""
     return [
         remark
@@ -237,7 +237,7 @@ def _piece_remarks(found: list[IsolatedPieces], options: CloudOptions) -> list[R
     ]
 
 
-def _dense_map(data: bytes, ending: str, options: CloudOptions) -> tuple[VoxelGrid, list[Remark]]:
+def _dense_map(data: bytes, ending: str, options: ReadOptions) -> tuple[VoxelGrid, list[Remark]]:
     """The map of a file that holds all voxels."""
     grid, remarks = _DECODERS[ending](data, max_voxels=options.max_voxels), []
     grid = grid if options.crop is None else crop_grid(grid, options.crop)

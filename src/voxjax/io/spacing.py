@@ -81,7 +81,9 @@ def closing_lengths(points: Float[np.ndarray, "n 3"], *, num_samples: int = 2000
     left, count = np.arange(len(chosen)), min(64, len(points) - 1)
     # Dense scan lines take many neighbours until one lies across; the median needs no more than half of the points.
     while count >= 4 and len(left):
-        lengths[left] = _closed_within(points, chosen[left], tree, count)
+        # In pieces, so that many neighbours of many points take no memory to speak of.
+        pieces = np.array_split(chosen[left], -(-len(left) * count // (1 << 16)))
+        lengths[left] = np.concatenate([_closed_within(points, piece, tree, count) for piece in pieces])
         left = left[np.isinf(lengths[left])]
         if count >= min(1024, len(points) - 1):
             break
