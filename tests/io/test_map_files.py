@@ -4,7 +4,7 @@ import pytest
 import voxjax as vx
 from clouds import write_cloud
 from voxjax import InputError, VoxelGrid
-from voxjax.io import ENDINGS, load_map, map_files
+from voxjax.io import ENDINGS, decoding, load_map
 
 
 def make_grid() -> VoxelGrid:
@@ -139,6 +139,6 @@ def test_memory_that_the_system_does_not_grant_is_one_sentence(tmp_path, monkeyp
         raise MemoryError
 
     vx.write_map(tmp_path / "m.bt", make_grid())
-    monkeypatch.setitem(map_files._DECODERS, ".bt", decode)
+    monkeypatch.setitem(decoding._DECODERS, ".bt", decode)
     with pytest.raises(InputError, match=r"m\.bt cannot be read: this process may not take the memory"):
         vx.read_map(tmp_path / "m.bt")

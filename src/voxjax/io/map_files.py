@@ -7,29 +7,19 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from .._checks import InputError, check_count, shown
 from .._runtime.whole_files import write_file
 from ..grid import VoxelGrid, check_grid
-from ..maps.findings import Remark, grid_remarks
-from ..maps.isolated import IsolatedPieces
-from ..ops.resampling.lattice import check_places
-from .budget import Budget
-from .cloud_maps import ReadOptions, cloud_map
-from .crop import check_crop, crop_grid
+from ..maps.findings import Remark
+from .crop import check_crop
+from .decoding import TREE_ENDINGS, ReadOptions, decode_map, describe_tree, with_box_remarks
 from .files import read_bytes
-from .map_facts import MapFacts, facts_of_grid, facts_of_leaves
-from .npz import decode_npz, encode_npz
-from .octomap import chosen_leaves, decode_bt, decode_ot, encode_bt, encode_ot
-from .octomap_leaves import leaves_of_bt, leaves_of_ot
+from .map_facts import MapFacts, facts_of_grid
+from .npz import encode_npz
+from .octomap import encode_bt, encode_ot
 from .ply import encode_ply
-from .strays import piece_remarks, without_strays
 
-# Clouds are no maps before they have a voxel size, so that they are decoded by `cloud_map`.
-_DECODERS = {".bt": decode_bt, ".ot": decode_ot, ".npz": decode_npz}
 _ENCODERS = {".bt": encode_bt, ".ot": encode_ot, ".npz": encode_npz, ".ply": encode_ply}
-_LEAVES = {".bt": leaves_of_bt, ".ot": leaves_of_ot}
 ENDINGS = tuple(_ENCODERS)
 """File endings that can be read and written."""
 
@@ -144,7 +134,7 @@ def load_map(
         voxel_size, crop, drop_isolated, strict, sensor_origins, max_range, max_voxels, looks=True
     )
     grid, remarks = _load(_as_path(path), options)
-    return LoadedMap(grid, _with_box_remarks(remarks, facts_of_grid(grid)))
+    return LoadedMap(grid, with_box_remarks(remarks, facts_of_grid(grid)))
 
 
 def describe_map(
@@ -170,27 +160,13 @@ def describe_map(
     path = _as_path(path)
     ending = _ending(path)
     options = ReadOptions(voxel_size, crop, drop_isolated, strict, None, None, None, looks=True)
-    if ending not in _LEAVES or voxel_size is not None:
+    if ending not in TREE_ENDINGS or voxel_size is not None:
         grid, remarks = _load(path, options)
         facts = facts_of_grid(grid)
     else:
-        found: list[IsolatedPieces] = []
         with _naming(path):
-            data = read_bytes(path)
-            budget = Budget(len(data))
-            leaves = chosen_leaves(
-                _LEAVES[ending](data, budget), budget, crop, drop_isolated=drop_isolated, note=found.append
-            )
-        facts, remarks = facts_of_leaves(leaves), _piece_remarks(found, options)
-    return DescribedMap(facts, _with_box_remarks(remarks, facts))
-
-
-def _with_box_remarks(remarks: list[Remark], facts: MapFacts) -> tuple[Remark, ...]:
-    """Remarks about a map, and those about its box."""
-    has_strays = any(remark.code == "isolated" and not remark.numbers["is_dropped"] for remark in remarks)
-    num_known = facts.num_occupied + facts.num_free
-    seen = grid_remarks(facts.low, facts.high, facts.voxel_size, num_known, has_strays=has_strays)
-    return (*remarks, *seen)
+            facts, remarks = describe_tree(read_bytes(path), ending, options)
+    return DescribedMap(facts, with_box_remarks(remarks, facts))
 
 
 def _load(path: Path, options: ReadOptions) -> tuple[VoxelGrid, list[Remark]]:
@@ -201,49 +177,7 @@ def _load(path: Path, options: ReadOptions) -> tuple[VoxelGrid, list[Remark]]:
     if options.crop is not None:
         check_crop(options.crop)
     with _naming(path):
-        if ending == ".ply":
-            return cloud_map(read_bytes(path), options)
-        if options.sensor_origins is not None or options.max_range is not None:
-            raise InputError(
-                f"sensor_origins and max_range belong to clouds (.ply), not to {ending} maps; leave them out"
-            )
-        read = _dense_map if ending == ".npz" else _octree_map
-        grid, remarks = read(read_bytes(path), ending, options)
-        # A file may put its map so far out that no number tells one voxel from the next.
-        check_places(np.stack(grid.extent), grid.voxel_size)
-        return grid, remarks
-
-
-def _octree_map(data: bytes, ending: str, options: ReadOptions) -> tuple[VoxelGrid, list[Remark]]:
-    """The map of a file that holds a tree, whose leaves are cut before anything dense is made."""
-    found: list[IsolatedPieces] = []
-    grid = _DECODERS[ending](
-        data,
-        voxel_size=options.voxel_size,
-        crop=options.crop,
-        drop_isolated=options.drop_isolated,
-        note=found.append if options.looks else None,
-        max_voxels=options.max_voxels,
-    )
-    return grid, _piece_remarks(found, options)
-
-
-def _piece_remarks(found: list[IsolatedPieces], options: ReadOptions) -> list[Remark]:
-    """What an octree's reader has noted, as remarks."""
-    return [
-        remark
-        for pieces in found
-        for remark in piece_remarks(pieces, pieces.voxel_size, is_dropped=options.drop_isolated)
-    ]
-
-
-def _dense_map(data: bytes, ending: str, options: ReadOptions) -> tuple[VoxelGrid, list[Remark]]:
-    """The map of a file that holds all voxels."""
-    grid, remarks = _DECODERS[ending](data, max_voxels=options.max_voxels), []
-    grid = grid if options.crop is None else crop_grid(grid, options.crop)
-    if options.looks or options.drop_isolated:
-        grid, remarks = without_strays(grid, is_dropped=options.drop_isolated)
-    return grid if options.voxel_size is None else grid.with_voxel_size(options.voxel_size), remarks
+        return decode_map(read_bytes(path), ending, options)
 
 
 @contextmanager

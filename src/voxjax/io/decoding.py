@@ -1,0 +1,111 @@
+"""A map of the bytes of a file of any format: decoded, cut as asked for, and looked over for what is odd about it."""
+
+import numpy as np
+
+from .._checks import InputError
+from ..grid import VoxelGrid
+from ..maps.findings import Remark, grid_remarks
+from ..maps.isolated import IsolatedPieces
+from ..ops.resampling.lattice import check_places
+from .budget import Budget
+from .cloud_maps import ReadOptions as ReadOptions
+from .cloud_maps import cloud_map
+from .crop import crop_grid
+from .map_facts import MapFacts, facts_of_leaves
+from .npz import decode_npz
+from .octomap import chosen_leaves, decode_bt, decode_ot
+from .octomap_leaves import leaves_of_bt, leaves_of_ot
+from .strays import piece_remarks, without_strays
+
+# Clouds are no maps before they have a voxel size, so that they are decoded by `cloud_map`.
+_DECODERS = {".bt": decode_bt, ".ot": decode_ot, ".npz": decode_npz}
+_LEAVES = {".bt": leaves_of_bt, ".ot": leaves_of_ot}
+TREE_ENDINGS = tuple(_LEAVES)
+"""Endings of files that hold trees."""
+
+
+def decode_map(data: bytes, ending: str, options: ReadOptions) -> tuple[VoxelGrid, list[Remark]]:
+    """The map in a file, and what was done to it or, if the options look for it, seen.
+
+    Args:
+        data: The whole file.
+        ending: Its ending, one of those that can be read.
+        options: How it is read.
+
+    Raises:
+        InputError: If the bytes are no map, or an option does not fit; the message is for a sentence that names the
+            file.
+    """
+    if ending == ".ply":
+        return cloud_map(data, options)
+    if options.sensor_origins is not None or options.max_range is not None:
+        raise InputError(
+            f"sensor_origins and max_range belong to clouds (.ply), not to {ending} maps; leave them out"
+        )
+    read = _octree_map if ending in TREE_ENDINGS else _dense_map
+    grid, remarks = read(data, ending, options)
+    # A file may put its map so far out that no number tells one voxel from the next.
+    check_places(np.stack(grid.extent), grid.voxel_size)
+    return grid, remarks
+
+
+def describe_tree(data: bytes, ending: str, options: ReadOptions) -> tuple[MapFacts, list[Remark]]:
+    """Figures of an octree at its own voxel size, of which nothing dense is made, and what was seen.
+
+    Args:
+        data: The whole file.
+        ending: Its ending, one of `TREE_ENDINGS`.
+        options: How it is read.
+
+    Raises:
+        InputError: As in `decode_map`.
+    """
+    budget, found = Budget(len(data), options.max_voxels), []
+    leaves = chosen_leaves(
+        _LEAVES[ending](data, budget),
+        budget,
+        options.crop,
+        drop_isolated=options.drop_isolated,
+        note=found.append,
+    )
+    return facts_of_leaves(leaves), _piece_remarks(found, options)
+
+
+def with_box_remarks(remarks: list[Remark], facts: MapFacts) -> tuple[Remark, ...]:
+    """Remarks about a map, and those about its box."""
+    has_strays = any(remark.code == "isolated" and not remark.numbers["is_dropped"] for remark in remarks)
+    num_known = facts.num_occupied + facts.num_free
+    seen = grid_remarks(facts.low, facts.high, facts.voxel_size, num_known, has_strays=has_strays)
+    return (*remarks, *seen)
+
+
+def _octree_map(data: bytes, ending: str, options: ReadOptions) -> tuple[VoxelGrid, list[Remark]]:
+    """The map of a file that holds a tree, whose leaves are cut before anything dense is made."""
+    found: list[IsolatedPieces] = []
+    grid = _DECODERS[ending](
+        data,
+        voxel_size=options.voxel_size,
+        crop=options.crop,
+        drop_isolated=options.drop_isolated,
+        note=found.append if options.looks else None,
+        max_voxels=options.max_voxels,
+    )
+    return grid, _piece_remarks(found, options)
+
+
+def _piece_remarks(found: list[IsolatedPieces], options: ReadOptions) -> list[Remark]:
+    """What an octree's reader has noted, as remarks."""
+    return [
+        remark
+        for pieces in found
+        for remark in piece_remarks(pieces, pieces.voxel_size, is_dropped=options.drop_isolated)
+    ]
+
+
+def _dense_map(data: bytes, ending: str, options: ReadOptions) -> tuple[VoxelGrid, list[Remark]]:
+    """The map of a file that holds all voxels."""
+    grid, remarks = _DECODERS[ending](data, max_voxels=options.max_voxels), []
+    grid = grid if options.crop is None else crop_grid(grid, options.crop)
+    if options.looks or options.drop_isolated:
+        grid, remarks = without_strays(grid, is_dropped=options.drop_isolated)
+    return grid if options.voxel_size is None else grid.with_voxel_size(options.voxel_size), remarks
