@@ -73,3 +73,13 @@ def test_the_memory_of_a_grid_is_that_of_its_arrays_and_of_the_leaves():
     assert canvas_for(leaves, 0.1).shape == leaves.shape
     full = leaves._replace(has_log_odds=True)
     assert dense_bytes(full, (2, 3, 4)) == full.num_bytes + 120
+
+
+def test_a_voxel_size_far_below_that_of_the_file_is_refused_before_anything_is_made():
+    one = oracle.file_of({(33000, 33000, 33000, 16): 2})
+    assert decode_bt(one, voxel_size=0.01).shape == (10, 10, 10)
+    for size in ("1e-09", "1e-12"):
+        with pytest.raises(InputError, match=r"take voxel_size=0\.1 \(--voxel-size 0\.1\), at which it fits"):
+            decode_bt(one, voxel_size=float(size))
+    with pytest.raises(InputError, match=r"take voxel_size=0\.2 "):
+        decode_bt(SITE, voxel_size=1e-6)

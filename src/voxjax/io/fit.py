@@ -21,7 +21,7 @@ def check_fit(leaves: LeafMap, budget: Budget, voxel_size: float) -> None:
     Raises:
         InputError: If the grid has more voxels or takes more memory than the budget has.
     """
-    shape = canvas_for(leaves, voxel_size).shape
+    shape = _shape_at(leaves, voxel_size)
     excess = _excess(leaves, budget, shape)
     if excess is None:
         return
@@ -49,7 +49,7 @@ def _ways_out(leaves: LeafMap, budget: Budget, voxel_size: float, shape: tuple[i
     # Whoever has no memory to look for isolated pieces has none to drop them either.
     if budget.excess(stray_bytes(leaves)) is None:
         rest, found = split_leaves(leaves)
-        rest_shape = canvas_for(rest, voxel_size).shape
+        rest_shape = _shape_at(rest, voxel_size)
         # A piece beside a box that is large anyway is not what makes it so.
         if len(found.distance) and 2 * math.prod(rest_shape) < math.prod(shape):
             count, size = int(found.num_voxels.sum()), " x ".join(map(str, rest_shape))
@@ -73,12 +73,24 @@ def _voxel_size_that_fits(
     leaves: LeafMap, budget: Budget, voxel_size: float, shape: tuple[int, ...]
 ) -> float | None:
     """The smallest whole multiple of a voxel size [m] at which a grid has room; None if there is none."""
+    if voxel_size < leaves.resolution:
+        # Nobody needs voxels finer than those of the file, if these fit.
+        voxel_size = leaves.resolution
+        shape = leaves.shape
     per_voxel = dense_bytes(leaves, (1,)) - leaves.num_bytes
     room = min((budget.memory()[0] - leaves.num_bytes) / per_voxel, budget.most_voxels)
     if room < 1:
         return None
     # A thin map shrinks by less than the cube of the factor, which is thus found from below.
-    factor = max(math.ceil((math.prod(shape) / room) ** (1 / 3)), 2)
-    while _excess(leaves, budget, canvas_for(leaves, factor * voxel_size).shape) is not None:
+    factor = max(math.ceil((math.prod(shape) / room) ** (1 / 3)), 1)
+    while _excess(leaves, budget, _shape_at(leaves, factor * voxel_size)) is not None:
         factor += 1
     return factor * voxel_size
+
+
+def _shape_at(leaves: LeafMap, voxel_size: float) -> tuple[int, ...]:
+    """Number of voxels along x, y, z of the grid of a map."""
+    if voxel_size < leaves.resolution:
+        # A canvas has an entry for each voxel along an axis, of which there may be any number.
+        return tuple(math.ceil(count * (leaves.resolution / voxel_size)) for count in leaves.shape)
+    return canvas_for(leaves, voxel_size).shape
