@@ -107,25 +107,26 @@ def check_no_duplicates(ordered: OrderedPoints) -> None:
     """
     remark = findings.duplicates_remark(ordered.points, ordered.is_first)
     if remark is not None:
+        seen = remark.text.partition(";")[0]
         raise InputError(
-            f"{remark.text}, and which strict (--strict) refuses; remove them, or read without it"
+            f"{seen}, which strict (--strict) refuses; remove them, or read the cloud without it"
         )
 
 
-def lost_step(points: Float[np.ndarray, "n 3"]) -> float:
-    """What single precision has rounded the coordinates of a cloud to [m], along its worst axis; 0 if nothing is lost.
+def lost_steps(points: Float[np.ndarray, "n 3"]) -> Float64[np.ndarray, "3"]:
+    """What single precision has rounded the coordinates of a cloud to along each axis [m]; 0 where nothing is lost.
 
     A cloud that float32 rounded has coordinates at odd multiples of the step between neighbouring numbers of float32.
     Where all are even ones, as whole metres are, no rounding happened.
     """
-    steps = [0.0]
-    for axis in points.T:
+    steps = np.zeros(3)
+    for number, axis in enumerate(points.T):
         # Few points far out have larger steps than the map.
         step = float(np.spacing(np.float32(np.median(np.abs(axis)))))
         multiples = axis.astype(np.float64) / step
         if np.mean(multiples == np.rint(multiples)) > 0.5 and np.mean(multiples % 2.0 == 1.0) > 0.25:
-            steps.append(step)
-    return max(steps)
+            steps[number] = step
+    return steps
 
 
 def check_precision(points: Float[np.ndarray, "n 3"], length: float, what: str) -> None:
@@ -139,14 +140,15 @@ def check_precision(points: Float[np.ndarray, "n 3"], length: float, what: str) 
     Raises:
         InputError: If places are rounded to more than that.
     """
-    step = lost_step(points)
-    if step <= length:
+    steps = lost_steps(points)
+    axis = int(np.argmax(steps))
+    if steps[axis] <= length:
         return
-    axis = int(np.argmax(np.median(np.abs(points), axis=0)))
-    num_values = len(np.unique(points[:, axis]))
+    coordinates = points[:, axis]
+    distance, num_values = np.median(np.abs(coordinates)), len(np.unique(coordinates))
     raise InputError(
-        f"its {'xyz'[axis]} coordinates are {np.median(np.abs(points[:, axis])):,.0f} m from zero, where single "
-        f"precision knows places {step:g} m apart only, so that {len(points):,} points have {num_values:,} values: too "
+        f"its {'xyz'[axis]} coordinates are {distance:,.0f} m from zero, where single precision knows places "
+        f"{steps[axis]:g} m apart only, so that {len(points):,} points have {num_values:,} values: too "
         f"coarse for {what}; export the cloud again with doubles, or subtract an offset before"
     )
 
