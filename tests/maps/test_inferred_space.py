@@ -5,8 +5,10 @@ import pytest
 
 import small_worlds
 from voxjax import VoxelGrid, register
+from voxjax.maps import inferred_space
 from voxjax.maps.inferred_space import infer_free_space
 from voxjax.metrics import pose_error
+from voxjax.ops.surface.enclosure import is_enclosed
 from voxjax.registration.hypotheses.map_features import map_features
 
 FRAME = small_worlds.pose(yaw=33.0, tilt=12.0, translation=(3.0, -2.0, 1.0))
@@ -57,6 +59,32 @@ def test_odd_shapes_keep_their_shape():
     inferred = infer_free_space(grid)
     assert np.asarray(inferred.states).shape == (7, 5, 9)
     np.testing.assert_array_equal(inferred.origin, grid.origin)
+
+
+@pytest.mark.parametrize("slab", [1, 100, 1 << 18])
+@pytest.mark.parametrize("shape", [(9, 14, 11), (8, 8, 8), (21, 3, 13)])
+def test_voxels_are_freed_by_cells_of_two_whatever_the_slabs(shape, slab, monkeypatch):
+    monkeypatch.setattr(inferred_space, "_SLAB", slab)
+    states = np.random.default_rng(sum(shape)).choice(
+        np.asarray([0, 1, 2], np.uint8), shape, p=[0.9, 0.05, 0.05]
+    )
+    cells = np.zeros([-(-n // 2) for n in shape], bool)
+    for place in np.argwhere(states == 2):
+        cells[tuple(place // 2)] = True
+    enclosed = is_enclosed(cells, reach=4.0, min_directions=5)
+    expected = states.copy()
+    for place in np.argwhere(states == 0):
+        if enclosed[tuple(place // 2)]:
+            expected[tuple(place)] = 1
+    assert (expected != states).any()
+    grid = VoxelGrid(states, np.zeros(3, np.float32), 0.5)
+    np.testing.assert_array_equal(infer_free_space(grid, reach=4.0, min_directions=5).states, expected)
+    np.testing.assert_array_equal(grid.states, states)
+
+
+def test_a_map_without_voxels_is_no_error():
+    empty = VoxelGrid(np.zeros((0, 3, 3), np.uint8), np.zeros(3, np.float32), 0.1)
+    assert infer_free_space(empty).shape == (0, 3, 3)
 
 
 def test_a_cloud_is_registered_with_inferred_free_space_and_says_so():

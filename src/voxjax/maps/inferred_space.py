@@ -8,11 +8,19 @@ buildings stripped of their free space 97 to 99 % of what is inferred had been s
 """
 
 import numpy as np
+from jaxtyping import Bool, UInt8
 
-from .._types import FREE, OCCUPIED, UNKNOWN
+from .._runtime.threads import spread
+from .._types import FREE, OCCUPIED
 from ..grid import VoxelGrid
-from ..ops.surface.enclosure import enclosing_directions
+from ..ops.surface.enclosure import is_enclosed
 from .settings import MapConfig
+
+_CELL = 2
+"""Voxels that a cell is wide: an eighth of the work, and rays do not slip through surfaces one voxel thin."""
+
+_SLAB = 1 << 18
+"""Voxels that are worked on at once."""
 
 
 def infer_free_space(
@@ -31,19 +39,55 @@ def infer_free_space(
     Returns:
         A map of the same shape, origin and voxel size.
     """
-    # Voxels that a cell is wide: an eighth of the work, and rays do not slip through surfaces one voxel thin.
-    cell = 2
     states = np.asarray(grid.states)
-    cells = tuple(-(-n // cell) for n in states.shape)
-    wide = np.zeros(tuple(cell * n for n in cells), bool)
-    wide[tuple(slice(0, n) for n in states.shape)] = states == OCCUPIED
-    blocks = wide.reshape(cells[0], cell, cells[1], cell, cells[2], cell)
-    occupied = np.asarray(blocks.any(axis=(1, 3, 5)))
-    enclosed = enclosing_directions(occupied, reach=reach / (cell * grid.voxel_size)) >= min_directions
-    # Cells go back to voxels by repetition; what stands over the rim of the map is cut off.
-    for axis in range(3):
-        enclosed = np.repeat(enclosed, cell, axis=axis)
-    enclosed = enclosed[tuple(slice(0, n) for n in states.shape)]
-    return VoxelGrid(
-        np.where(enclosed & (states == UNKNOWN), np.uint8(FREE), states), grid.origin, grid.voxel_size
+    enclosed = is_enclosed(
+        _occupied_cells(states), reach=reach / (_CELL * grid.voxel_size), min_directions=min_directions
     )
+    return VoxelGrid(_freed(states, enclosed), grid.origin, grid.voxel_size)
+
+
+def _planes(states: np.ndarray) -> int:
+    """Planes of cells whose voxels stay in the cache of a core."""
+    return max(_SLAB // max(_CELL * states[:1].size, 1), 1)
+
+
+def _occupied_cells(states: UInt8[np.ndarray, "x y z"]) -> Bool[np.ndarray, "a b c"]:
+    """Cells that hold an occupied voxel."""
+    cells = np.empty(tuple(-(-n // _CELL) for n in states.shape), bool)
+    step = _planes(states)
+
+    def fill(start: int) -> None:
+        part = states[_CELL * start : _CELL * (start + step)] == OCCUPIED
+        for axis in range(3):
+            # The last cell has one voxel along an axis whose number of voxels is odd.
+            first, second = (part[(slice(None),) * axis + (slice(k, None, _CELL),)] for k in range(_CELL))
+            first[tuple(slice(0, n) for n in second.shape)] |= second
+            part = first
+        cells[start : start + step] = part
+
+    spread(fill, range(0, len(cells), step))
+    return cells
+
+
+def _freed(
+    states: UInt8[np.ndarray, "x y z"], cells: Bool[np.ndarray, "a b c"]
+) -> UInt8[np.ndarray, "x y z"]:
+    """The states with the unknown voxels of some cells free."""
+    freed = np.empty_like(states)
+    step = _planes(states)
+
+    def fill(start: int) -> None:
+        known, new = (a[_CELL * start : _CELL * (start + step)] for a in (states, freed))
+        part = cells[start : start + step]
+        if not part.any():
+            new[:] = known
+            return
+        # Cells go back to voxels by repetition; what stands over the rim of the map is cut off.
+        for axis in (2, 1, 0):
+            part = np.repeat(part, _CELL, axis=axis)
+        part = part[tuple(slice(0, n) for n in known.shape)]
+        # Of the states, unknown is the least and free the next one.
+        np.maximum(known, part.view(np.uint8) * FREE, out=new)
+
+    spread(fill, range(0, len(cells), step))
+    return freed
