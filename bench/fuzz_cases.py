@@ -229,7 +229,7 @@ def _saved_by_numpy(grid: VoxelGrid) -> bytes:
     buffer = io.BytesIO()
     np.savez(
         buffer,
-        voxjax_map=np.int32(1),
+        voxjax_map=np.int32(2),
         states=np.asfortranarray(np.asarray(grid.states)),
         origin=np.asarray(grid.origin),
         voxel_size=np.float64(grid.voxel_size),

@@ -35,12 +35,13 @@ _HOME = {
     "use_compilation_cache": "_runtime.compilation_cache",
 }
 
-_PACKAGES = ("io", "metrics", "ops", "pipeline", "refinement", "rigid", "synthetic", "view")
+_PACKAGES = ("frames", "io", "metrics", "ops", "pipeline", "refinement", "rigid", "synthetic", "view")
 """Packages and modules for those who want more than the names above, as `voxjax.ops`; loaded like these."""
 
 __all__ = ["__version__", *_HOME]
 
 if TYPE_CHECKING:
+    from . import frames as frames
     from . import io as io
     from . import metrics as metrics
     from . import ops as ops

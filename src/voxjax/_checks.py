@@ -132,7 +132,7 @@ def _no_list(name: str, values: object, holds: str) -> InputError:
 
 
 def check_pose(name: str, T: object) -> np.ndarray:
-    """Return `T`, on host or device, as a float32 (4, 4) rigid transform.
+    """Return `T`, on host or device, as a float64 (4, 4) rigid transform.
 
     Raises:
         InputError: If the shape, the last row or the rotation is wrong, or it moves farther than float32 can square.
@@ -159,7 +159,7 @@ def check_pose(name: str, T: object) -> np.ndarray:
         raise InputError(
             f"{name} must move by less than {LARGEST_LENGTH:g} m along each axis, got {matrix[:3, 3].tolist()}."
         )
-    return matrix.astype(np.float32)
+    return matrix
 
 
 def as_float64(value: object) -> np.ndarray:

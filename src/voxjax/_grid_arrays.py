@@ -44,6 +44,23 @@ def as_float32(name: str, value: object) -> Array:
         return array if array.dtype == np.float32 else array.astype(np.float32)
 
 
+def as_origin(value: object) -> Array:
+    """A place as float64 on the host, wherever it was: float32 loses it far from the origin of its frame.
+
+    Under JAX's transformations it is what JAX makes of it.
+
+    Raises:
+        InputError: If they are no numbers.
+    """
+    array = _as_array("origin", value)
+    if _is_placeholder(array) or isinstance(array, Tracer):
+        return array
+    host = np.asarray(array)
+    if not jnp.issubdtype(host.dtype, jnp.floating) and host.dtype.kind not in "iu":
+        raise InputError(f"origin must be an array of numbers, got dtype {host.dtype}.")
+    return host.astype(np.float64, copy=False)
+
+
 def _as_array(name: str, value: object) -> Array:
     """Arrays of JAX as they are, all else as a NumPy array."""
     if isinstance(value, jax.Array) or _is_placeholder(value):

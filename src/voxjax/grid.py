@@ -23,10 +23,11 @@ from ._checks import (
     check_voxel_size,
     shown,
 )
-from ._grid_arrays import as_float32, as_states, check_log_odds, check_origin, check_states
+from ._grid_arrays import as_float32, as_origin, as_states, check_log_odds, check_origin, check_states
 from ._runtime.memory import check_memory
 from ._types import FREE, OCCUPIED, UNKNOWN, Array
-from .ops.resampling.lattice import check_places, origin_in_voxels
+from .frames import STEPS_PER_VOXEL, check_near
+from .ops.resampling.lattice import about_middle, origin_in_voxels
 from .ops.resampling.raycast import grid_from_points
 from .ops.resampling.rescale import rescale_states
 from .ops.resampling.rigid import resample_rigid
@@ -40,13 +41,14 @@ class VoxelGrid(eqx.Module):
 
     Attributes:
         states: uint8 (x, y, z): 0 unknown, 1 free, 2 occupied.
-        origin: float32 (3,) [m]: the outer corner of voxel (0, 0, 0).
+        origin: float64 (3,) [m] on the host: the outer corner of voxel (0, 0, 0). JAX's transformations take it as
+            float32, unless they are told to keep float64: give them `localized` maps.
         log_odds: float32 (x, y, z), or None where the source had no probabilities.
         voxel_size: Edge length of a voxel [m]; static under `jax.jit`.
     """
 
     states: UInt8[Array, "x y z"]
-    origin: Float32[Array, "3"]
+    origin: Float[Array, "3"]
     log_odds: Float32[Array, "x y z"] | None
     voxel_size: float = eqx.field(static=True)
 
@@ -56,7 +58,7 @@ class VoxelGrid(eqx.Module):
         What JAX traces is checked for its shape alone: its values are not known yet.
         """
         self.states = as_states(states)
-        self.origin = as_float32("origin", origin)
+        self.origin = as_origin(origin)
         self.log_odds = None if log_odds is None else as_float32("log_odds", log_odds)
         self.voxel_size = check_voxel_size(voxel_size)
         check_three_axes("states", self.states.shape)
@@ -125,11 +127,9 @@ class VoxelGrid(eqx.Module):
 
     @property
     def extent(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest and highest outer corner [m], each float32 (3,)."""
-        low = np.asarray(self.origin)
-        return low, (low + np.float32(self.voxel_size) * np.asarray(self.shape, np.float32)).astype(
-            np.float32
-        )
+        """Lowest and highest outer corner [m], each float64 (3,)."""
+        low = np.asarray(self.origin, np.float64)
+        return low, low + self.voxel_size * np.asarray(self.shape, np.float64)
 
     def occupied_index(self) -> np.ndarray:
         """Indices of the occupied voxels, int32 (n, 3), in lexicographic order.
@@ -155,18 +155,17 @@ class VoxelGrid(eqx.Module):
         return index
 
     def occupied_points(self) -> np.ndarray:
-        """Centres of the occupied voxels, float32 (n, 3) [m], same order as `occupied_index`."""
+        """Centres of the occupied voxels, float64 (n, 3) [m], same order as `occupied_index`."""
         return self.world_from_index(self.occupied_index())
 
     def world_from_index(self, index: Int[Array, "*n 3"] | Float[Array, "*n 3"]) -> np.ndarray:
-        """Centres [m] of voxel indices; fractional indices are fine."""
-        # In float64 and rounded once: the origin may be large beside a voxel.
+        """Centres, float64 [m], of voxel indices; fractional indices are fine."""
         places = np.array(index, np.float64)
         # In place: each step would otherwise leave a list twice as large as what is given.
         places += 0.5
         places *= self.voxel_size
         places += np.asarray(self.origin, np.float64)
-        return places.astype(np.float32)
+        return places
 
     def index_from_world(self, points: Float[Array, "*n 3"]) -> np.ndarray:
         """Indices int32 of the voxels that hold the points [m]; may lie outside the grid.
@@ -199,15 +198,26 @@ class VoxelGrid(eqx.Module):
             lows.append(max(int(hit[0]) - margin, 0) if hit.size else 0)
             highs.append(min(int(hit[-1]) + 1 + margin, self.shape[axis]) if hit.size else 1)
         window = tuple(slice(low, high) for low, high in zip(lows, highs, strict=True))
-        # The sum is one of float64 and is rounded once, so that a cut lies where the map's own voxels do.
         origin = np.asarray(self.origin, np.float64) + np.asarray(lows, np.float64) * self.voxel_size
         log_odds = None if self.log_odds is None else np.asarray(self.log_odds)[window]
         return VoxelGrid(
             np.asarray(self.states)[window] if all(self.shape) else np.zeros((1, 1, 1), np.uint8),
-            origin.astype(np.float32),
+            origin,
             self.voxel_size,
             log_odds if all(self.shape) else None,
         )
+
+    def localized(self) -> tuple[VoxelGrid, np.ndarray]:
+        """This map in a local frame, for whatever computes in float32.
+
+        Returns:
+            The same voxels with their origin moved, so that zero lies at a border of voxels in the middle of the grid;
+            and the place of that zero in the map's own frame, float64 (3,) [m]. Poses between such frames come from
+            `frames.to_local`, and go back with `frames.from_local`.
+        """
+        origin, place = about_middle(np.asarray(self.origin), self.shape, self.voxel_size)
+        # States and log-odds, which may be traced, are not looked at again.
+        return eqx.tree_at(lambda grid: grid.origin, self, origin), place
 
     def with_voxel_size(self, voxel_size: float) -> VoxelGrid:
         """Return this map at another resolution, on the lattice of multiples of `voxel_size`.
@@ -250,15 +260,19 @@ class VoxelGrid(eqx.Module):
         return VoxelGrid(states, origin, self.voxel_size, log_odds)
 
     def equals(self, other: VoxelGrid) -> bool:
-        """Whether both hold the same voxels at the same places (geometry, states and log-odds)."""
+        """Whether both hold the same voxels at the same places (geometry, states and log-odds).
+
+        Places are the same up to rounding: 7 times 0.2 m is not the number 1.4.
+        """
         if self.shape != other.shape or self.voxel_size != other.voxel_size:
             return False
         same_log_odds = (self.log_odds is None) == (other.log_odds is None) and (
             self.log_odds is None or np.array_equal(np.asarray(self.log_odds), np.asarray(other.log_odds))
         )
+        apart = np.abs(np.asarray(self.origin, np.float64) - np.asarray(other.origin, np.float64))
         return bool(
             same_log_odds
-            and np.array_equal(np.asarray(self.origin), np.asarray(other.origin))
+            and (apart * STEPS_PER_VOXEL < self.voxel_size).all()
             and np.array_equal(np.asarray(self.states), np.asarray(other.states))
         )
 
@@ -308,11 +322,9 @@ def check_grids(name: str, values: object) -> list[VoxelGrid]:
 
 
 def check_resolution(grid: VoxelGrid) -> None:
-    """Refuse a map whose places float32 rounds to more than an eighth of a voxel.
-
-    Files and fusion are exact on whole voxels; whatever measures positions is not.
+    """Refuse a map whose places float32 does not tell apart, where its positions are measured in its own frame.
 
     Raises:
         InputError: If the map lies too far from the origin of its frame.
     """
-    check_places(np.stack(grid.extent), grid.voxel_size, most=0.25)
+    check_near("a map", *grid.extent, grid.voxel_size, "give grid.localized()")

@@ -41,7 +41,7 @@ def test_the_true_pose_is_accepted(maps, registration):
     assert registration.confidence > 0.8
     assert error.degrees < 0.6
     assert error.metres < 0.08
-    assert np.asarray(registration.T_a_b).dtype == np.float32
+    assert np.asarray(registration.T_a_b).dtype == np.float64
 
 
 def test_hypotheses_are_distinct_and_best_first(registration):

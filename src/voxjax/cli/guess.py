@@ -3,13 +3,13 @@
 import math
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float64
 
 from .._checks import InputError, check_pose, shown
 from ..io.files import read_bytes
 
 
-def parse_guess(text: str) -> Float32[np.ndarray, "4 4"]:
+def parse_guess(text: str) -> Float64[np.ndarray, "4 4"]:
     """Return the pose (4, 4) that `text` gives.
 
     Args:

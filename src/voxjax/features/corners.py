@@ -2,13 +2,14 @@
 
 from typing import Literal
 
+import equinox as eqx
 import numpy as np
 
 from .._checks import check_choice, check_count, check_positive
 from .._runtime.buckets import bucket_size, pad_rows
 from .._runtime.forks import refused_after_fork
 from .._runtime.memory import check_memory
-from ..grid import VoxelGrid, check_grid, check_resolution
+from ..grid import VoxelGrid, check_grid
 from ..planes.extract import PlaneMap, extract_planes
 from ..planes.triples import PlaneTriples, intersect_planes
 from .cluster import suppress_duplicates
@@ -43,20 +44,29 @@ def detect_corners(
         `Corners`, observed ones first, then virtual ones, each strongest first; possibly none.
 
     Raises:
-        InputError: If the preset is unknown, a length is not positive, or the map lies so far from the origin of its
-            frame that float32 cannot place its voxels, or needs more memory than there is.
+        InputError: If the preset is unknown, a length is not positive, or the map needs more memory than there is.
     """
     check_grid("grid", grid)
     check_choice("preset", preset, ("default", "paper"))
     check_positive("virtual_reach", virtual_reach, "m")
     check_count("max_virtual", max_virtual)
-    check_resolution(grid)
     _check_memory(grid, preset)
+    # Kernels of float32 see the map around zero, and its corners go back to where it lies in float64.
+    local, origin = grid.localized()
     if preset == "paper":
-        return _padded(paper_corners(grid).corners)
-    return corners_of_planes(
-        grid, extract_planes(grid), virtual=virtual, virtual_reach=virtual_reach, max_virtual=max_virtual
+        return _placed(_padded(paper_corners(local).corners), origin)
+    planes = extract_planes(local)
+    corners = corners_of_planes(
+        local, planes, virtual=virtual, virtual_reach=virtual_reach, max_virtual=max_virtual
     )
+    return _placed(corners, origin)
+
+
+def _placed(corners: Corners, origin: np.ndarray) -> Corners:
+    """Corners of a local frame in the frame of the map, where the local frame's origin lies at `origin` [m]."""
+    position = np.array(corners.position, np.float64)
+    position[np.asarray(corners.mask)] += origin
+    return eqx.tree_at(lambda c: c.position, corners, position)
 
 
 def _check_memory(grid: VoxelGrid, preset: str) -> None:

@@ -59,7 +59,7 @@ def paper_corners(
     """
     voxel = grid.voxel_size
     kinds = np.asarray(classify_voxels(np.asarray(grid.states) == 2, size=size, min_change=min_change))
-    initial = grid.world_from_index(np.argwhere(kinds == CORNER).astype(np.int32))
+    initial = grid.world_from_index(np.argwhere(kinds == CORNER)).astype(np.float32)
     surface = find_surface(grid, size=size)
     labels = segment_planes(
         surface, max_angle=max_angle, max_curvature=max_curvature, min_elements=min_segment
@@ -106,5 +106,5 @@ def _voxel_covariance(reach: float) -> np.ndarray:
 
 def _fit(grid: VoxelGrid, surface: Surface, labels: np.ndarray) -> tuple[Planes, np.ndarray]:
     """Planes of the segments, and the elements' places [m]."""
-    points = grid.world_from_index(surface.index)
+    points = grid.world_from_index(surface.index).astype(np.float32)
     return fit_planes(points, labels, normals=surface.normal), points

@@ -2,7 +2,7 @@
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Bool, Float32, Int32, UInt8
+from jaxtyping import Bool, Float, Float32, Int32, UInt8
 
 from .._types import Array
 
@@ -14,7 +14,7 @@ class Corners(eqx.Module):
     """Corners of a map, strongest first, padded to a capacity; rows beyond the found ones are masked.
 
     Attributes:
-        position: float32 (n, 3) [m] in the map's frame.
+        position: float64 (n, 3) [m] in the map's frame.
         normals: float32 (n, 3, 3): unit rows into free space, in right-handed order (positive triple
             product), so that two corners can only match in one of three cyclic orders. Where convexity is 1
             or 2, row 0 is the face that differs from the two others.
@@ -29,7 +29,7 @@ class Corners(eqx.Module):
         covariance: float32 (n, 3, 3) [m^2]: of the position, 0 in padding rows; None for lists made without it.
     """
 
-    position: Float32[Array, "n 3"]
+    position: Float[Array, "n 3"]
     normals: Float32[Array, "n 3 3"]
     weight: Float32[Array, "n"]
     convexity: UInt8[Array, "n"]

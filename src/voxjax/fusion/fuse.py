@@ -10,8 +10,15 @@ import numpy as np
 from .._checks import InputError, check_choice, check_list, check_pose, check_voxel_size
 from .._runtime.forks import refused_after_fork
 from .._runtime.memory import check_memory
+from ..frames import check_near, snapped, to_local
 from ..grid import VoxelGrid, check_grid, check_grids
-from ..ops.resampling.lattice import check_num_voxels, check_places, moved_bounds, origin_of_cell
+from ..ops.resampling.lattice import (
+    cell_of_image,
+    check_num_voxels,
+    check_places,
+    moved_bounds,
+    origin_of_cell,
+)
 from ..ops.resampling.rigid import chunk_size, flat_source, lookup_chunk, source_from_target, take_flat
 from .rules import RULES, fuse_keep, fuse_log_odds, fuse_paper, log_odds_of_states
 from .soft import Lattice, check_soft_pose, fuse_soft, is_traced, soft_fuse_memory
@@ -77,11 +84,13 @@ def _fuse_nearest(
     grids: list[VoxelGrid], matrices: list[np.ndarray], rule: str, voxel_size: float
 ) -> VoxelGrid:
     """`fuse` with interpolation="nearest", its options decided."""
-    grids = [_coarsened(grid, voxel_size) for grid in grids]
+    grids, matrices, zero = _in_local_frames(
+        [_coarsened(grid, voxel_size) for grid in grids], matrices, voxel_size
+    )
     bounds = _bounds(grids, matrices, voxel_size)
     found = _common_box(bounds)
     if found is None:  # nothing is known in any map, so there is no box to fuse
-        return VoxelGrid(np.zeros((1, 1, 1), np.uint8), np.zeros(3, np.float32), voxel_size)
+        return VoxelGrid(np.zeros((1, 1, 1), np.uint8), np.zeros(3), voxel_size)
     low, shape = found
     # Refused before anything is put on the device; otherwise the system would kill the process.
     need = fuse_memory(
@@ -95,7 +104,22 @@ def _fuse_nearest(
         if (bound[1] > bound[0]).all()
     ]
     states, log_odds = _fuse_chunks(sources, shape, rule)
-    return VoxelGrid(states, origin_of_cell(low, voxel_size), voxel_size, log_odds)
+    return VoxelGrid(states, origin_of_cell(low + zero, voxel_size), voxel_size, log_odds)
+
+
+def _in_local_frames(
+    grids: list[VoxelGrid], matrices: list[np.ndarray], voxel_size: float
+) -> tuple[list[VoxelGrid], list[np.ndarray], np.ndarray]:
+    """Maps and poses in local frames, and the cell of the fused lattice, int64 (3,), at which the common one begins."""
+    local, places = zip(*(grid.localized() for grid in grids), strict=True)
+    # The lowest of all, so that the result does not depend on the order of the maps.
+    cells = [cell_of_image(T, place, voxel_size) for T, place in zip(matrices, places, strict=True)]
+    zero = np.min(cells, axis=0)
+    origin = origin_of_cell(zero, voxel_size)
+    poses = [
+        snapped(to_local(T, origin, place), voxel_size) for T, place in zip(matrices, places, strict=True)
+    ]
+    return list(local), poses, zero
 
 
 def _fuse_trilinear(
@@ -122,19 +146,42 @@ def _fuse_trilinear(
             raise InputError(
                 "voxel_size must be None where onto is given, whose voxel size the result takes."
             )
-        target = Lattice(np.asarray(onto.origin), onto.shape, onto.voxel_size)
+        target = Lattice(np.asarray(onto.origin, np.float64), onto.shape, onto.voxel_size)
     else:
         target = _chosen_lattice(grids, matrices, voxel_size)
     check_num_voxels(np.asarray(target.shape), "the fused map", _ADVICE)
-    low = np.asarray(target.origin)
-    check_places(
-        np.stack([low, low + np.float32(target.voxel_size) * np.asarray(target.shape, np.float32)]),
-        target.voxel_size,
-    )
+    check_places(np.stack(_extent(target)), target.voxel_size)
     need = soft_fuse_memory(int(np.prod(target.shape)), [grid.states.size for grid in grids])
     check_memory(need, f"a soft fused map of {' x '.join(map(str, target.shape))} voxels", _ADVICE)
-    states, log_odds = fuse_soft([_coarsened(grid, target.voxel_size) for grid in grids], matrices, target)
+    local = _soft_in_local_frames([_coarsened(grid, target.voxel_size) for grid in grids], matrices, target)
+    states, log_odds = fuse_soft(*local)
     return VoxelGrid(states, target.origin, target.voxel_size, log_odds)
+
+
+def _extent(lattice: Lattice) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest outer corner of a lattice [m]."""
+    return lattice.origin, lattice.origin + lattice.voxel_size * np.asarray(lattice.shape)
+
+
+def _soft_in_local_frames(
+    grids: list[VoxelGrid], matrices: list, target: Lattice
+) -> tuple[list[VoxelGrid], list, Lattice]:
+    """Maps, poses and result in local frames; as they are where a pose is traced, which has the digits that JAX gives.
+
+    Raises:
+        InputError: If a pose is traced and a map, or the result, lies too far from the origin of its frame.
+    """
+    if any(is_traced(matrix) for matrix in matrices):
+        extents = {f"grids[{number}]": grid.extent for number, grid in enumerate(grids)}
+        for what, (low, high) in (extents | {"the fused map": _extent(target)}).items():
+            check_near(what, low, high, target.voxel_size, "with poses that JAX traces give grid.localized()")
+        return grids, matrices, target
+    local, places = zip(*(grid.localized() for grid in grids), strict=True)
+    poses = [
+        snapped(to_local(T, target.origin, place), target.voxel_size)
+        for T, place in zip(matrices, places, strict=True)
+    ]
+    return list(local), poses, target._replace(origin=np.zeros(3))
 
 
 def _chosen_lattice(grids: list[VoxelGrid], matrices: list, voxel_size: float | None) -> Lattice:

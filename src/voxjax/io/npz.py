@@ -17,15 +17,17 @@ from ..grid import VoxelGrid
 from .budget import Budget
 from .text_header import whole_number
 
-VERSION = 1
+VERSION = 2
 # All are little endian, so that equal grids give equal bytes on all machines.
 _DTYPES = {
     "voxjax_map": np.dtype("<i4"),
     "states": np.dtype("|u1"),
-    "origin": np.dtype("<f4"),
+    "origin": np.dtype("<f8"),
     "voxel_size": np.dtype("<f8"),
     "log_odds": np.dtype("<f4"),
 }
+# Files of version 1 differ in that alone.
+_ORIGIN_OF_VERSION_1 = np.dtype("<f4")
 _MOST_AT_ONCE = 1 << 20
 """Largest piece of an archive that is taken into memory at once [byte]."""
 
@@ -80,10 +82,11 @@ def decode_npz(data: bytes, *, max_voxels: int | None = None) -> VoxelGrid:
             raise InputError(f"the archive has no array {name!r}, so it is no voxjax map")
     # The version is read before the other arrays, which may mean other things in a newer one.
     version = int(_read_array(archive, "voxjax_map", (), budget))
-    if version != VERSION:
-        raise InputError(f"the map has version {version}, and this voxjax reads version {VERSION}")
+    if not 1 <= version <= VERSION:
+        raise InputError(f"the map has version {version}, and this voxjax reads versions 1 to {VERSION}")
     states = _read_array(archive, "states", (None, None, None), budget)
-    origin = _read_array(archive, "origin", (3,), budget)
+    dtype = _ORIGIN_OF_VERSION_1 if version == 1 else _DTYPES["origin"]
+    origin = _read_array(archive, "origin", (3,), budget, dtype=dtype)
     voxel_size = float(_read_array(archive, "voxel_size", (), budget))
     log_odds = None
     if "log_odds" in names:
@@ -144,7 +147,13 @@ class _NpyHeader(NamedTuple):
 
 
 def _read_array(
-    archive: zipfile.ZipFile, name: str, expected: tuple[int | None, ...], budget: Budget, *, held: int = 0
+    archive: zipfile.ZipFile,
+    name: str,
+    expected: tuple[int | None, ...],
+    budget: Budget,
+    *,
+    dtype: np.dtype | None = None,
+    held: int = 0,
 ) -> np.ndarray:
     """One array; its header is checked before any memory is taken for what it promises.
 
@@ -153,6 +162,7 @@ def _read_array(
         name: Name of the array.
         expected: Shape of the array in a map, None for an axis of any length.
         budget: Limits of the file.
+        dtype: Type of the array; None for that of the newest version.
         held: Memory that other arrays of this file take [byte].
 
     Raises:
@@ -163,11 +173,12 @@ def _read_array(
     if header is None:
         raise InputError(f"the array {name!r} has no valid header")
     descr, is_fortran, shape = header
-    _check_type(name, descr, shape, expected)
+    dtype = _DTYPES[name] if dtype is None else dtype
+    _check_type(name, dtype, descr, shape, expected)
     # Beside the values there is a copy in the other order of axes, or the truth values of the check of numbers.
-    itemsize, is_checked = _DTYPES[name].itemsize, name == "log_odds"
+    itemsize, is_checked = dtype.itemsize, name == "log_odds"
     budget.check_grid(shape, itemsize * (2 if is_fortran else 1) + is_checked, held)
-    values = np.empty(math.prod(shape), _DTYPES[name])
+    values = np.empty(math.prod(shape), dtype)
     if not _fill(values.view(np.uint8), member):
         raise InputError(f"the array {name!r} is not as long as its shape says")
     return _transposed(values.reshape(shape[::-1])) if is_fortran else values.reshape(shape)
@@ -191,9 +202,10 @@ def _transposed(values: np.ndarray, *, tile: int = 1 << 14) -> np.ndarray:
     return result
 
 
-def _check_type(name: str, descr: str, shape: tuple[int, ...], expected: tuple[int | None, ...]) -> None:
+def _check_type(
+    name: str, dtype: np.dtype, descr: str, shape: tuple[int, ...], expected: tuple[int | None, ...]
+) -> None:
     """Raise unless an array has the type and the shape that it has in a map."""
-    dtype = _DTYPES[name]
     fits = len(shape) == len(expected) and all(b in (None, a) for a, b in zip(shape, expected, strict=True))
     # Bytes have no order, and NumPy marks that with a bar.
     if not fits or descr.replace("|", "<") != dtype.str.replace("|", "<"):

@@ -64,7 +64,9 @@ class PreparedMap(eqx.Module):
     @property
     def block(self) -> Block:
         """Where the flat fields lie, as the lookups take it."""
-        origin, voxel_size = to_device((self.grid.origin, np.float32(self.grid.voxel_size)))
+        origin, voxel_size = to_device(
+            (np.asarray(self.grid.origin, np.float32), np.float32(self.grid.voxel_size))
+        )
         return Block(self.dims, origin, voxel_size)
 
     @property
@@ -104,7 +106,7 @@ def prepare_map(grid: VoxelGrid) -> PreparedMap:
         grid: At the working voxel size, with at least one occupied voxel.
 
     Raises:
-        InputError: If the map lies so far from the origin of its frame that float32 cannot place its voxels.
+        InputError: If the map lies so far from the origin of its frame that float32 does not tell its voxels apart.
     """
     # Squared distances [voxel^2]: a hit lies within 1.5 voxels of something occupied, clear space two or more away.
     hit_sq, clear_sq = 2, 4
@@ -123,7 +125,7 @@ def prepare_map(grid: VoxelGrid) -> PreparedMap:
     normals, curvature, offset = (np.asarray(a) for a in (moments.normal, moments.curvature, moments.offset))
     planarity = _planarity(curvature, np.asarray(moments.num_occupied))
     is_planar = planarity > min_planarity
-    points = grid.world_from_index(index)
+    points = grid.world_from_index(index).astype(np.float32)
     # Voxel centres are off the surface by up to half a voxel, all alike where a wall lies along the grid; the plane
     # through the neighbourhood takes that out.
     anchors = points + normals * (offset * is_planar * np.float32(grid.voxel_size))[:, None]

@@ -157,13 +157,10 @@ def pairwise_consistency(
     )
     size = _padded_size(len(pairs))
     # Points are gathered on the host, so that the kernel sees one shape whatever the numbers of corners are.
-    nodes = [_gather(p, pairs[:, side], size) for side, p in enumerate((points_a, points_b))]
-    # NaN would fail every comparison in silence, and its corner would just never match.
-    for name, places in zip("ab", nodes, strict=True):
-        if not np.isfinite(places).all():
-            raise InputError(
-                f"associations must index points with finite places, got NaN or infinity in {name}."
-            )
+    nodes = [
+        _places(name, points, pairs[:, side], size)
+        for side, (name, points) in enumerate(zip("ab", (points_a, points_b), strict=True))
+    ]
     adjacency = np.asarray(
         distance_consistency(
             *nodes, pad_rows(pairs, size, -1.0), np.float32(distance_tolerance), np.float32(min_distance)
@@ -198,6 +195,17 @@ def graph_memory(count: int, *, has_angles: bool) -> float:
 def _padded_size(count: int) -> int:
     """Rows of the graph of `count` associations, padding included."""
     return min(wide_bucket_size(count, 256), MAX_ASSOCIATIONS)
+
+
+def _places(name: str, points: Array, index: np.ndarray, size: int) -> np.ndarray:
+    """Points of the associations about their mean, float32, padded; only differences of them are looked at."""
+    places = np.asarray(points, np.float64)[index]
+    # NaN would fail every comparison in silence, and its corner would just never match.
+    if not np.isfinite(places).all():
+        raise InputError(f"associations must index points with finite places, got NaN or infinity in {name}.")
+    if len(places):
+        places -= places.mean(axis=0)
+    return pad_rows(places.astype(np.float32), size)
 
 
 def _gather(rows: Array, index: np.ndarray, size: int) -> np.ndarray:

@@ -44,7 +44,7 @@ class MapDescriptors(eqx.Module):
 
     Attributes:
         levels: One entry a scale, fine to coarse.
-        center: float32 (3,) [m] in the map's frame; points are relative to it.
+        center: float64 (3,) [m] in the map's frame; points are relative to it.
         side: What signs the normals: "free" (toward free space) or "surroundings" (toward the mass of the map
             within a few metres, for maps without free space). Only equal sides can be matched.
     """
@@ -98,10 +98,9 @@ def describe_map(
     use_free = has_free if use_free_space is None else use_free_space
     index = grid.occupied_index()
     points = grid.occupied_points()
-    # Points are centred in float64 before they become float32, so that maps far from their origin keep their
-    # digits.
-    center = points.mean(axis=0, dtype=np.float64) if len(points) else np.zeros(3)
-    centred = points.astype(np.float64) - center
+    # Points are centred before they become float32, so that maps far from their origin keep their digits.
+    center = points.mean(axis=0) if len(points) else np.zeros(3)
+    centred = points - center
     toward_free = _free_directions(np.asarray(grid.states), index) if use_free else None
     levels = []
     for scale in scales:
@@ -110,7 +109,7 @@ def describe_map(
         if scale == scales[-1] or len(means) <= max_fine_points:
             side = None if toward_free is None else _sum_by_cell(cell, toward_free, len(means))
             levels.append(_describe_level(means, side, scale * spacing))
-    return MapDescriptors(tuple(levels), center.astype(np.float32), "free" if use_free else "surroundings")
+    return MapDescriptors(tuple(levels), center, "free" if use_free else "surroundings")
 
 
 def match_descriptors(

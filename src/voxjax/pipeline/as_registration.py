@@ -26,7 +26,7 @@ def nothing_found(reason: str, result: RESULTS, stats: dict[str, Any] | None = N
     return Registration(
         # A pose is there whatever the verdict is, so that reports have one shape; the covariance says that it
         # means nothing.
-        T_a_b=np.eye(4, dtype=np.float32),
+        T_a_b=np.eye(4),
         verdict="no_overlap",
         confidence=0.0,
         covariance=np.full((6, 6), np.inf, np.float32),

@@ -48,8 +48,11 @@ def features_at(grid: VoxelGrid, *, voxel_size: float, config: Config | None = N
     release_kernels_if_crowded()
     # Voxel sizes that went through float32 or text differ in their last digits; such maps are not resampled.
     same = abs(grid.voxel_size - voxel_size) < 1e-6 * voxel_size
+    # Kernels see the map around zero, wherever it lies in its own frame.
+    local, origin = (grid if same else grid.with_voxel_size(voxel_size)).localized()
     return map_features(
-        grid if same else grid.with_voxel_size(voxel_size),
+        local,
+        origin=origin,
         max_virtual=settings.source.max_virtual_corners,
         settings=settings.map,
         rotation=settings.rotation,

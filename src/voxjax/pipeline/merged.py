@@ -34,7 +34,7 @@ class Merge(eqx.Module):
 
     Attributes:
         grid: The fused map in the world frame; None when no two maps fit together.
-        poses: Pose `T_world_map` (4, 4) float32 of each map, or None for a map that fits none. World is the
+        poses: Pose `T_world_map` (4, 4) float64 of each map, or None for a map that fits none. World is the
             frame of the first map that was merged.
         pairs: (a, b, registration) for each pair that was tried, a < b.
         status: "merged" all maps, "partial" some of them, "no_overlap" none.

@@ -11,6 +11,7 @@ from .._results import RESULTS
 from .._runtime.forks import refused_after_fork
 from .._runtime.mappings import release_kernels_if_crowded
 from .._runtime.threads import spread
+from ..frames import to_local
 from ..grid import VoxelGrid, check_grid
 from ..refinement.refine import Refinement, refine
 from ..registration.hypotheses.map_features import MapFeatures, worse_free_space
@@ -129,6 +130,8 @@ def register_features(
     settings, stages = config_from(config), Stages(on_stage, seconds)
     _check_voxel_sizes(a, b)
     guess = _checked_guess(init_guess, guess_uncertainty)
+    if guess is not None:
+        guess = to_local(guess, a.origin, b.origin).astype(np.float32)
     pose_range = _pose_range(
         b, settings.source.max_lean if gravity_aligned else None, guess, guess_uncertainty
     )
@@ -169,7 +172,7 @@ def register_features(
     counts |= {"has_free_space": has_free_space, "free_space": free_space}
     # Shares of the evidence are of both maps together, so counts for the report are too.
     num_voxels = a.prepared.num_points + b.prepared.num_points
-    return registration_of(
+    found = registration_of(
         pose,
         leaders,
         finding,
@@ -177,6 +180,7 @@ def register_features(
         num_voxels=num_voxels,
         stats=counts | {"seconds": stages.seconds},
     )
+    return found.from_local(a.origin, b.origin)
 
 
 def _last_refinement(a: MapFeatures, b: MapFeatures, T_a_b: np.ndarray, settings: PoseConfig) -> Refinement:

@@ -40,11 +40,10 @@ def spanning_tree(
 
 
 def chain_poses(num_maps: int, tree: Sequence[tuple[int, int, Registration]]) -> list[np.ndarray | None]:
-    """Poses `T_world_map` (4, 4) float32 of the maps in the tree; world is the frame of its lowest map."""
+    """Poses `T_world_map` (4, 4) float64 of the maps in the tree; world is the frame of its lowest map."""
     poses: list[np.ndarray | None] = [None] * num_maps
     if not tree:
         return poses
-    # Chained in float64: rounding would add up from map to map.
     steps: dict[tuple[int, int], np.ndarray] = {}
     for a, b, registration in tree:
         T_a_b = np.asarray(registration.T_a_b, np.float64)
@@ -58,7 +57,7 @@ def chain_poses(num_maps: int, tree: Sequence[tuple[int, int, Registration]]) ->
         previous = int(before[number])
         exact[number] = exact[previous] @ steps[previous, number]
     for number, pose in exact.items():
-        poses[number] = pose.astype(np.float32)
+        poses[number] = pose
     return poses
 
 
@@ -75,11 +74,10 @@ def loop_errors(
         pose_a, pose_b = poses[a], poses[b]
         if not registration.accepted or (a, b) in in_tree or pose_a is None or pose_b is None:
             continue
-        # The difference of two poses far from the world's origin is small beside either: float32 would eat it.
-        chained = rigid.inverse(pose_a.astype(np.float64)) @ pose_b.astype(np.float64)
+        chained = rigid.inverse(pose_a) @ pose_b
         direct = np.asarray(registration.T_a_b, np.float64)
         # The error is taken where map b is, not at its origin, which may lie far from it.
         low, high = grids[b].extent
-        error = pose_error(chained, direct, (low.astype(np.float64) + high) / 2.0)
+        error = pose_error(chained, direct, (low + high) / 2.0)
         errors.append(LoopError(a=a, b=b, metres=error.metres, radians=float(np.radians(error.degrees))))
     return errors

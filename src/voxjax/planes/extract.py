@@ -67,7 +67,7 @@ def extract_planes(grid: VoxelGrid, *, settings: PlaneConfig | None = None) -> P
     # What the dropped segments held is given to the faces beside them before those are counted and fitted.
     labels = extend_segments(surface, labels, distance=chosen.tolerance)
     labels = _largest_first(keep_large(labels, chosen.min_voxels), chosen.max_planes)
-    points = grid.world_from_index(surface.index)
+    points = grid.world_from_index(surface.index).astype(np.float32)
     planes = fit_planes(
         points, _away_from_edges(surface, labels), normals=surface.normal, huber_scale=0.7 * grid.voxel_size
     )

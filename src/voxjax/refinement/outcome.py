@@ -15,7 +15,8 @@ class Refinement(eqx.Module):
     """Outcome of `voxjax.refine`; every array with a leading axis k if there were k starts.
 
     Attributes:
-        T_a_b: float32 (4, 4): maps points of b into a. Never worse than the start under the cost.
+        T_a_b: float64 (4, 4), under JAX's transformations what JAX has: maps points of b into a. Never worse than the
+            start under the cost.
         covariance: float32 (6, 6) of the tangent (translation [m], rotation [rad]) about the centroid of map
             b expressed in frame a.
         result: `successful`, `not_converged`, `degenerate` or `empty_map`.
@@ -36,8 +37,8 @@ class JointRefinement(eqx.Module):
     """Outcome of `voxjax.refine_joint`.
 
     Attributes:
-        poses: float32 (maps, 4, 4) `T_world_map`; together never worse than the start under the cost. Maps in `held`
-            have the pose that they had.
+        poses: float64 (maps, 4, 4) `T_world_map`; under JAX's transformations what JAX has. Together they are never
+            worse than the start under the cost. Maps in `held` have the pose that they had.
         covariance: float32 (maps, 6, 6) of the tangent (translation [m], rotation [rad]) about the centroid of each
             map expressed in the world, given the poses in `held`; for these it is 0, and that of a map without a pair
             means nothing. It has no derivative.

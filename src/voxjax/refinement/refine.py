@@ -9,10 +9,12 @@ import numpy as np
 
 from .._runtime.forks import refused_after_fork
 from .._types import Array
+from ..frames import to_local
 from ..grid import VoxelGrid
 from ..maps.prepared import PreparedMap
 from .outcome import Refinement, how_it_ended, unrefined_pose
 from .problems.coarse_to_fine import better, checked_distances, coarse_levels, scales_in_reach
+from .problems.local_frames import is_traced, local_frames
 from .problems.many_starts import solve_starts, spread_solves
 from .problems.pair import check_options, checked_residuals, pose_problem
 from .problems.starts import checked_start, lead_pose
@@ -71,8 +73,9 @@ def refine(
         The refined pose with its covariance; the start itself where no better one was found.
 
     Raises:
-        InputError: If the start is no rigid transform, a length is not positive, a kind is not known, or log-odds are
-            traced without `soft` (the result would not depend on them).
+        InputError: If the start is no rigid transform, a length is not positive, a kind is not known, log-odds are
+            traced without `soft` (the result would not depend on them), or a map lies too far from the origin of its
+            frame for float32 where the start or log-odds are traced or there are `terms`.
 
     References:
         Section IV.D and V.B: the exact transform comes from the matches and their neighbouring points.
@@ -80,10 +83,12 @@ def refine(
     check_options(loss, num_points)
     kinds = checked_residuals(residuals)
     terms = check_terms("terms", terms)
-    start = checked_start("T_a_b", T_a_b)
-    target, other = views_of({"a": a, "b": b}, soft=soft)
+    given = checked_start("T_a_b", T_a_b)
+    frames = local_frames({"a": a, "b": b}, is_wanted=not terms and not is_traced(given))
+    target, other = views_of(frames.grids, soft=soft)
     if target is None or other is None:
-        return unrefined_pose(start)
+        return unrefined_pose(given)
+    start = given if is_traced(given) else to_local(np.asarray(given), *frames.origins).astype(np.float32)
 
     # Starts beyond the reach of the maps' own fields are led to within it, along coarser maps.
     voxel = target.prepared.grid.voxel_size
@@ -112,7 +117,7 @@ def refine(
     covariances, is_degenerate = _each(covariance, found.T_a_b)
     outcome = jax.vmap(how_it_ended) if start.ndim == 3 else how_it_ended
     return Refinement(
-        T_a_b=found.T_a_b,
+        T_a_b=frames.own_pose(found.T_a_b, start, given),
         covariance=covariances,
         result=outcome(jnp.asarray(found.converged), jnp.asarray(is_degenerate)),
         num_steps=found.num_steps,

@@ -11,6 +11,7 @@ from .._checks import InputError, check_list
 from .._results import RESULTS
 from .._runtime.forks import refused_after_fork
 from .._types import Array
+from ..frames import image
 from ..grid import VoxelGrid
 from ..maps.prepared import PreparedMap
 from .outcome import JointRefinement, how_it_ended, unrefined_poses
@@ -26,6 +27,7 @@ from .problems.joint_pairs import (
     overlapping_pairs,
     with_named,
 )
+from .problems.local_frames import local_frames
 from .problems.pair import check_options, checked_residuals
 from .problems.starts import checked_starts, lead_poses, values_of_start
 from .problems.views import views_of
@@ -100,14 +102,18 @@ def refine_joint(
     chosen = None if pairs is None else checked_pairs("pairs", pairs, len(grids))
     named = checked_terms(terms, chosen, len(grids))
 
+    frames = local_frames(_named(grids), is_wanted=not terms)
+    views = views_of(frames.grids, soft=soft)
     # One voxel size, that of the coarsest map, sets the lengths of all pairs.
-    views = views_of({f"grids[{number}]": grid for number, grid in enumerate(grids)}, soft=soft)
     filled = {number: view.prepared for number, view in enumerate(views) if view is not None}
     voxel = max((prepared.grid.voxel_size for prepared in filled.values()), default=1.0)
     first, last = checked_distances(max_distance, final_distance, voxel)
     coarse = coarse_levels(list(filled.values()), first, voxel)
+    # Poses are solved beside the world's origin, where float32 keeps its digits: it goes to where the anchor lies.
+    world = image(start[anchor], frames.origins[anchor])
+    local = frames.local_poses(start, world)
     if chosen is None:
-        chosen = _overlapping(filled, coarse, start)
+        chosen = _overlapping(filled, coarse, local)
     chosen = [(a, b) for a, b in with_named(chosen, named) if a in filled and b in filled]
 
     # Residuals see relative poses alone, so one map of each set that pairs connect has to stay.
@@ -128,10 +134,7 @@ def refine_joint(
         planes = made.problem(chosen, is_held, residuals=checked_residuals(None), terms={}, loss=loss)
     scales = scales_in_reach(first, last, voxel).astype(dtype)
 
-    # Poses are solved beside the world's origin, where float32 keeps its digits.
-    shift = np.zeros((1, 4, 4), dtype)
-    shift[0, :3, 3] = start[anchor, :3, 3]
-    near = jnp.asarray(start.astype(dtype) - shift)
+    near = jnp.asarray(local.astype(dtype))
     # Coarser maps lead far starts to within the reach of the maps' own fields, where all poses are solved together.
     led = lead_poses(near, made.centroids, coarse, tuple(filled), chosen, is_held, loss)
     found = solve_joint(problem, led, scales)
@@ -144,8 +147,7 @@ def refine_joint(
     num_voxels = np.asarray([view.prepared.num_points if view is not None else 0 for view in views], dtype)
     covariance, slides = _spread(planes, found.poses, scales, num_voxels, np.asarray(voxel, dtype))
     return JointRefinement(
-        # Maps that are held have their pose to the bit, which the shift there and back would not give.
-        poses=jnp.where(is_held[:, None, None], start.astype(dtype), found.poses + shift),
+        poses=frames.own_poses(found.poses, world, start, is_held),
         covariance=covariance,
         result=how_it_ended(found.converged, slides),
         pairs=tuple(chosen),
@@ -155,6 +157,11 @@ def refine_joint(
         cost_before=found.cost_before / len(chosen),
         cost_after=found.cost_after / len(chosen),
     )
+
+
+def _named(grids: Sequence[VoxelGrid | PreparedMap]) -> dict[str, VoxelGrid | PreparedMap]:
+    """The maps by the names that errors call them."""
+    return {f"grids[{number}]": grid for number, grid in enumerate(grids)}
 
 
 def _checked_maps(

@@ -1,15 +1,17 @@
 """What a registration gives: the pose, how far to trust it, and what else was possible."""
 
+from dataclasses import replace
 from typing import Literal
 
 import equinox as eqx
 import jax
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Float32
+from jaxtyping import Float, Float32
 
 from .._results import RESULTS
 from .._types import Array
+from ..frames import from_local
 
 Verdict = Literal["accepted", "ambiguous", "no_overlap"]
 
@@ -45,14 +47,14 @@ class Hypothesis(eqx.Module):
     """One candidate pose after refinement.
 
     Attributes:
-        T_a_b: float32 (4, 4), maps points of b into a.
+        T_a_b: float64 (4, 4), maps points of b into a.
         score: Evidence score; comparable between hypotheses of one pair.
         source: What proposed it: "corner", "virtual corner", "subgraph", "descriptor", "exhaustive", "guess"
             (`registration/hypotheses/proposals.py`).
         evidence: The counts behind the score.
     """
 
-    T_a_b: Float32[np.ndarray, "4 4"]
+    T_a_b: Float[np.ndarray, "4 4"]
     score: float
     source: str
     evidence: Evidence
@@ -62,7 +64,7 @@ class Registration(eqx.Module):
     """Outcome of `voxjax.register`.
 
     Attributes:
-        T_a_b: float32 (4, 4): maps points of frame b into frame a, `p_a = T_a_b @ p_b`; the best hypothesis, also
+        T_a_b: float64 (4, 4): maps points of frame b into frame a, `p_a = T_a_b @ p_b`; the best hypothesis, also
             when it is not accepted; identity when there is none.
         verdict: "accepted", "ambiguous" or "no_overlap".
         confidence: Estimated probability that the pose is right, in [0, 1].
@@ -77,7 +79,7 @@ class Registration(eqx.Module):
             were looked for, that is where the first round of hypotheses did not decide.
     """
 
-    T_a_b: Float32[Array, "4 4"]
+    T_a_b: Float[Array, "4 4"]
     verdict: Verdict
     confidence: float
     covariance: Float32[Array, "6 6"]
@@ -90,6 +92,23 @@ class Registration(eqx.Module):
     def accepted(self) -> bool:
         """Whether the pose may be used without a person looking at it."""
         return self.verdict == "accepted"
+
+    def from_local(
+        self, origin_a: Float[np.ndarray, "3"], origin_b: Float[np.ndarray, "3"]
+    ) -> "Registration":
+        """The outcome for maps that were registered in local frames, in their own frames.
+
+        The covariance is about the centroid of map b and does not change.
+
+        Args:
+            origin_a: Origin of a's local frame, in frame a [m].
+            origin_b: Origin of b's local frame, in frame b [m].
+        """
+        hypotheses = tuple(
+            replace(each, T_a_b=from_local(each.T_a_b, origin_a, origin_b)) for each in self.hypotheses
+        )
+        T_a_b = from_local(np.asarray(self.T_a_b), origin_a, origin_b)
+        return replace(self, T_a_b=T_a_b, hypotheses=hypotheses)
 
     def __repr__(self) -> str:
         """One line: verdict, confidence, how far the pose moves and turns, and the reason."""

@@ -67,7 +67,7 @@ def test_cloud_without_origins_marks_only_its_voxels():
     points = np.asarray([[0.05, -0.05, 0.31], [0.07, -0.02, 0.33], [1.04, 0.5, 0.3]], np.float32)
     states, origin = grid_from_points(points, voxel_size=0.1)
     assert states.dtype == np.uint8
-    assert origin.dtype == np.float32
+    assert origin.dtype == np.float64
     np.testing.assert_allclose(origin, [0.0, -0.1, 0.3], atol=1e-6)
     assert states.shape == (11, 7, 1)
     assert np.count_nonzero(states == OCCUPIED) == 2
@@ -158,7 +158,7 @@ def test_cloud_without_points_is_one_unknown_voxel():
         (np.full((4, 3), np.nan), {}, "4 of 4 rows"),
         ("cloud", {}, "points must be an array"),
         (np.asarray([[0.0, 0, 0], [1e6, 1e6, 1e6]]), {}, "larger voxel_size"),
-        (np.full((1, 3), 1e11), {}, "larger voxel_size"),
+        (np.full((1, 3), 1e11), {"voxel_size": 1e-6}, "larger voxel_size"),
         (np.full((1, 3), 1e30), {}, "within 1e.12 m"),
         (np.zeros((4, 3)), {"voxel_size": -1.0}, "voxel_size must be"),
         (np.zeros((4, 3)), {"sensor_origins": np.zeros((3, 3))}, "sensor_origins must have shape"),

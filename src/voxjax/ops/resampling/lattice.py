@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Float, Int, Real
 
 from ..._checks import InputError
+from ...frames import image
 
 MAX_VOXELS = 2**31 - 1
 """Largest dense grid: flat indices fit int32."""
@@ -11,7 +12,8 @@ MAX_VOXELS = 2**31 - 1
 
 def origin_in_voxels(origin: Float[np.ndarray, "3"], voxel_size: float) -> Float[np.ndarray, "3"]:
     """Origin in units of the voxel size, float64; whole numbers where the origin lies on the lattice."""
-    # An origin this near to the lattice [voxels] lies on it; the rest is rounding of float32.
+    # An origin this near to the lattice [voxels] lies on it; the rest is rounding, of float32 where the origin was kept
+    # as such.
     on_lattice = 0.01
     cell = np.asarray(origin, np.float64) / voxel_size
     whole = np.rint(cell)
@@ -19,9 +21,36 @@ def origin_in_voxels(origin: Float[np.ndarray, "3"], voxel_size: float) -> Float
 
 
 def origin_of_cell(cell: Int[np.ndarray, "3"], voxel_size: float) -> Float[np.ndarray, "3"]:
-    """Outer corner float32 [m] of a cell of the lattice."""
-    # The product is rounded once, from float64: equal cells have equal origins, however they came about.
-    return (np.asarray(cell, np.float64) * voxel_size).astype(np.float32)
+    """Outer corner float64 [m] of a cell of the lattice."""
+    # A product and no sum: equal cells have equal origins, however they came about.
+    return np.asarray(cell, np.float64) * voxel_size
+
+
+def about_middle(
+    origin: Float[np.ndarray, "3"], shape: tuple[int, ...], voxel_size: float
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Where a grid lies in a local frame, whose zero is at a border of voxels in the middle of the grid.
+
+    Args:
+        origin: Outer corner [m].
+        shape: Number of voxels along x, y, z.
+        voxel_size: Width of the voxels [m].
+
+    Returns:
+        The grid's outer corner in the local frame, and the local frame's zero in that of `origin`, float64 [m].
+    """
+    middle = np.asarray(shape) // 2
+    # Counted in voxels, the corner has the same digits whatever frame the grid is in.
+    return -middle * voxel_size, (origin_in_voxels(origin, voxel_size) + middle) * voxel_size
+
+
+def cell_of_image(
+    T: Float[np.ndarray, "4 4"], point: Float[np.ndarray, "3"], voxel_size: float
+) -> Int[np.ndarray, "3"]:
+    """Cell of the lattice, int64 (3,), in which a pose puts a point [m]."""
+    place = image(T, point)
+    check_places(place, voxel_size, advice="check the poses, or choose an origin near the map")
+    return np.floor(place / voxel_size).astype(np.int64)
 
 
 def check_num_voxels(shape: Real[np.ndarray, "3"], what: str, advice: str, most: int = MAX_VOXELS) -> None:
@@ -61,7 +90,7 @@ def moved_bounds(
         Lowest cell and one past the highest, int64 (3,) each; equal when nothing is known.
 
     Raises:
-        InputError: If the moved grid, or the pose, lies so far away that float32 cannot place its cells.
+        InputError: If the moved grid lies so far away that float64 cannot place its cells.
     """
     # A rotation this near to one of the 24 of the cube is that one: its box is not to grow by rounding.
     is_cube_rotation = 1e-5
@@ -80,9 +109,7 @@ def moved_bounds(
     reach = np.abs(rotation) @ half * voxel_size
     low, high = moved.min(axis=0) - reach, moved.max(axis=0) + reach
     advice = "check the poses, or choose an origin near the map"
-    # What comes of it keeps its origin as float32, and a pose of that type has already lost what it could not hold.
-    check_places(np.concatenate([low, high]).astype(np.float32), target_voxel_size, advice=advice)
-    check_places(np.asarray(T)[:3, 3], target_voxel_size, advice=advice)
+    check_places(np.concatenate([low, high]), target_voxel_size, advice=advice)
     # A cell belongs to the box if its centre does; the box is a little wider, so that rounding cuts no layer off.
     return (
         np.ceil(low / target_voxel_size - 0.5 - 1e-4).astype(np.int64),
@@ -94,26 +121,25 @@ def check_places(
     places: np.ndarray,
     voxel_size: float,
     *,
-    most: float = 1.0,
     advice: str = "choose an origin near the map",
 ) -> None:
-    """Refuse places [m] that their own floating type rounds by more than half of `most` voxels.
+    """Refuse places [m] where float64 does not tell hundredths of a voxel apart.
 
     Args:
-        places: Coordinates in the type that keeps them.
+        places: Coordinates.
         voxel_size: Width of the voxels that lie there [m].
-        most: Largest step between neighbouring numbers of that type [voxel].
         advice: What to do instead.
 
     Raises:
         InputError: If they lie too far from the origin of their frame.
     """
-    farthest = np.abs(places).max(initial=0)
+    farthest = np.abs(np.asarray(places, np.float64)).max(initial=0)
     step = float(np.spacing(farthest))
-    if not step <= most * voxel_size:  # NaN is not, too
+    # A place is rounded by half of a step at most. NaN is no such number, too.
+    if not step <= voxel_size / 50.0:
         raise InputError(
             f"a map with voxels of {voxel_size:g} m that reaches {farthest:.4g} m from the origin of its frame is "
-            f"placed in steps of {step:.2g} m only ({places.dtype}); {advice}."
+            f"placed in steps of {step:.2g} m only; {advice}."
         )
 
 

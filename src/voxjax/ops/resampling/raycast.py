@@ -11,7 +11,7 @@ from typing import TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float32, Int32, UInt8
+from jaxtyping import Bool, Float32, Float64, Int32, UInt8
 
 from ..._checks import LARGEST_LENGTH, InputError, as_float64, check_positive, check_voxel_size
 from ..._runtime.buckets import bucket_size, pad_rows
@@ -188,7 +188,7 @@ def grid_from_points(
     sensor_origins: object = None,
     max_range: float | None = None,
     max_voxels: int = MAX_VOXELS,
-) -> tuple[UInt8[np.ndarray, "x y z"], Float32[np.ndarray, "3"]]:
+) -> tuple[UInt8[np.ndarray, "x y z"], Float64[np.ndarray, "3"]]:
     """Make the states of a grid from a cloud, its origin on the lattice of multiples of `voxel_size`.
 
     A voxel that holds a point is occupied; with sensor origins, other voxels that a ray crosses are free.
@@ -201,7 +201,7 @@ def grid_from_points(
         max_voxels: Largest grid.
 
     Returns:
-        States uint8 (x, y, z) that just hold the points and sensor origins, and the origin float32 (3,) [m].
+        States uint8 (x, y, z) that just hold the points and sensor origins, and the origin float64 (3,) [m].
         A cloud without points gives one unknown voxel.
 
     Raises:
@@ -212,7 +212,7 @@ def grid_from_points(
     if sensor_origins is None and max_range is not None:
         raise InputError(f"max_range needs sensor_origins, got max_range={max_range!r} without them.")
     if not len(cloud):
-        return np.full((1, 1, 1), UNKNOWN, np.uint8), np.zeros(3, np.float32)
+        return np.full((1, 1, 1), UNKNOWN, np.uint8), np.zeros(3)
     # Without sensors each point is a ray of no length, so that one box serves both cases.
     starts = cloud if sensor_origins is None else _checked_origins(sensor_origins, len(cloud))
     ends, is_hit = _cut_rays(starts, cloud, max_range)
@@ -226,7 +226,7 @@ def grid_from_points(
     # Hits are divided and rounded down as the box and the rays are: none falls outside of the box, or beside its ray.
     hits = np.floor(ends[is_hit] / voxel_size).astype(np.int64) - low
     states[tuple(hits.T)] = OCCUPIED
-    return states, (low * voxel_size).astype(np.float32)
+    return states, low * voxel_size
 
 
 def _split(places: np.ndarray, low: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -315,5 +315,5 @@ def _lattice_box(
             f"limit of {max_voxels:,}; {_ADVICE}."
         )
     advice = f"choose an origin near the map, or {_ADVICE}"
-    check_places(places.astype(np.float32), voxel_size, advice=advice)
+    check_places(places, voxel_size, advice=advice)
     return low.astype(np.int64), (int(size[0]), int(size[1]), int(size[2]))

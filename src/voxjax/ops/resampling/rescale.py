@@ -1,7 +1,7 @@
 """Change of the resolution of a grid, one axis after the other."""
 
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float, Float32, Float64, UInt8
 
 from ..._runtime.memory import check_memory
 from ..._runtime.threads import spread
@@ -11,11 +11,11 @@ from .lattice import check_num_voxels, check_places, origin_in_voxels, origin_of
 
 def rescale_states(
     states: UInt8[np.ndarray, "x y z"],
-    origin: Float32[np.ndarray, "3"],
+    origin: Float[np.ndarray, "3"],
     voxel_size: float,
     new_voxel_size: float,
     log_odds: Float32[np.ndarray, "x y z"] | None = None,
-) -> tuple[UInt8[np.ndarray, "u v w"], Float32[np.ndarray, "3"], Float32[np.ndarray, "u v w"] | None]:
+) -> tuple[UInt8[np.ndarray, "u v w"], Float64[np.ndarray, "3"], Float32[np.ndarray, "u v w"] | None]:
     """Bring a grid to another voxel size, on the lattice of multiples of the new one.
 
     Coarser: each voxel goes where its centre lies; a new voxel is occupied if any of its parts is, else free if any is,
@@ -34,10 +34,10 @@ def rescale_states(
 
     Raises:
         InputError: If the result would have more than 2**31 - 1 voxels, need more memory than there is,
-            or lies so far away that float32 cannot place it.
+            or lies so far away that float64 cannot place it.
     """
     if not all(states.shape):
-        return states, np.asarray(origin, np.float32), log_odds
+        return states, np.asarray(origin, np.float64), log_odds
     base = origin_in_voxels(origin, voxel_size)
     _check_result(states.shape, base, voxel_size, new_voxel_size, has_log_odds=log_odds is not None)
     # Log-odds of unknown voxels must not win over negative ones of free voxels.
@@ -67,7 +67,7 @@ def _check_result(
     # The result has so many voxels or, along an axis where it begins within one, one more.
     sides = np.maximum(np.floor(np.asarray(shape) * (voxel_size / new_voxel_size)), 1.0)
     check_num_voxels(sides, what, advice)
-    check_places((np.stack([base, base + shape]) * voxel_size).astype(np.float32), new_voxel_size)
+    check_places(np.stack([base, base + shape]) * voxel_size, new_voxel_size)
     num_voxels = float(np.prod(sides))
     # Log-odds are made with a mark for unknown voxels, which is replaced in a copy.
     need = num_voxels * (10.0 if has_log_odds else 1.0)
@@ -76,7 +76,7 @@ def _check_result(
 
 def _plan_axis(base: float, count: int, ratio: float) -> tuple[int, np.ndarray, bool]:
     """Lowest new cell; for each new cell the first of its old ones (coarser) or its only one (finer)."""
-    # Centres that lie on a border of new voxels [voxels] go to the upper one, whichever way float32 rounded.
+    # Centres that lie on a border of new voxels [voxels] go to the upper one, whichever way they were rounded.
     tie = 1e-4
     if ratio < 1.0:
         cell = np.floor((base + np.arange(count) + 0.5) * ratio + tie).astype(np.int64)

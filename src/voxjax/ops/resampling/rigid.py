@@ -10,14 +10,22 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int32, Shaped, UInt8
+from jaxtyping import Bool, Float, Float32, Float64, Int32, Shaped, UInt8
 
 from ..._runtime.buckets import bucket_size
 from ..._runtime.forks import refused_after_fork
 from ..._runtime.memory import check_memory
 from ..._types import Array
+from ...frames import snapped, to_local
 from .interpolate import TIE, is_within
-from .lattice import check_num_voxels, moved_bounds, origin_in_voxels, origin_of_cell
+from .lattice import (
+    about_middle,
+    cell_of_image,
+    check_num_voxels,
+    moved_bounds,
+    origin_in_voxels,
+    origin_of_cell,
+)
 
 
 def source_from_target(
@@ -29,8 +37,8 @@ def source_from_target(
 ) -> Float32[np.ndarray, "3 4"]:
     """Affine map from coordinates of target voxels to those of source voxels, for a source moved by `T`.
 
-    Both count voxels from the outer corner of their grid. Computed in float64, because origins may be far
-    away, and small numbers by the time they are rounded to float32.
+    Both count voxels from the outer corner of their grid. Computed in float64, and small numbers by the time they are
+    rounded to float32.
     """
     matrix = np.asarray(T, np.float64)
     inverse = matrix[:3, :3].T
@@ -104,11 +112,11 @@ def flat_source(values: np.ndarray) -> jax.Array:
 @refused_after_fork
 def resample_rigid(
     states: UInt8[np.ndarray, "x y z"],
-    origin: Float32[np.ndarray, "3"],
+    origin: Float[np.ndarray, "3"],
     voxel_size: float,
-    T: Float32[np.ndarray, "4 4"],
+    T: Float[np.ndarray, "4 4"],
     log_odds: Float32[np.ndarray, "x y z"] | None = None,
-) -> tuple[UInt8[np.ndarray, "u v w"], Float32[np.ndarray, "3"], Float32[np.ndarray, "u v w"] | None]:
+) -> tuple[UInt8[np.ndarray, "u v w"], Float64[np.ndarray, "3"], Float32[np.ndarray, "u v w"] | None]:
     """Move a grid by a rigid transform and resample it on the lattice of multiples of its voxel size.
 
     States and log-odds come from the nearest voxel. The 24 rotations of the cube with whole-voxel
@@ -128,6 +136,10 @@ def resample_rigid(
     Raises:
         InputError: If the result would have more than 2**31 - 1 voxels, or needs more memory than there is.
     """
+    # Bounds and lookups are worked out where numbers are small, and the result is put back by whole cells.
+    origin, place = about_middle(origin, states.shape, voxel_size)
+    zero = cell_of_image(T, place, voxel_size)
+    T = snapped(to_local(T, origin_of_cell(zero, voxel_size), place), voxel_size)
     low, high = moved_bounds(states, origin, voxel_size, T, voxel_size)
     # Where nothing is known, both bounds are one, and a single unknown voxel stands for it.
     shape = np.maximum(high - low, 1)
@@ -154,4 +166,4 @@ def resample_rigid(
                 moved_odds[start : start + count] = np.asarray(take_flat(flat_odds, index, inside))[:count]
     target = tuple(shape.tolist())
     odds = None if moved_odds is None else moved_odds.reshape(target)
-    return moved.reshape(target), origin_of_cell(low, voxel_size), odds
+    return moved.reshape(target), origin_of_cell(low + zero, voxel_size), odds

@@ -51,7 +51,8 @@ class MapFeatures:
     """One map with its fields and directions, and with corners and descriptors on demand.
 
     Attributes:
-        prepared: Fields and surface of the map.
+        prepared: Fields and surface of the map, in the local frame in which all features are.
+        origin: Origin of that local frame in the frame of the map [m].
         directions: Dominant unsigned normals, strongest first.
         shares: Share of the surface along each.
         normals: Normals drawn by leverage, that rotations are judged by.
@@ -60,6 +61,7 @@ class MapFeatures:
     """
 
     prepared: PreparedMap
+    origin: Float[np.ndarray, "3"]
     directions: Float[np.ndarray, "k 3"]
     shares: Float[np.ndarray, "k"]
     normals: Float32[np.ndarray, "s 3"]
@@ -75,6 +77,7 @@ class MapFeatures:
 def map_features(
     grid: VoxelGrid,
     *,
+    origin: Float[np.ndarray, "3"] | None = None,
     max_virtual: int = SourceConfig.max_virtual_corners,
     settings: MapConfig | None = None,
     rotation: RotationConfig | None = None,
@@ -83,7 +86,8 @@ def map_features(
     """Features of a map that has occupied voxels.
 
     Args:
-        grid: A map at the working voxel size.
+        grid: A map at the working voxel size, in a frame in which it lies near zero.
+        origin: Origin of that frame in the frame of the map [m]; None for a map in its own frame.
         max_virtual: Largest number of virtual corners.
         settings: Whether free space is inferred, and when it is used; None for the defaults.
         rotation: How many normals and directions are taken; None for the defaults.
@@ -101,6 +105,7 @@ def map_features(
     drawn = leverage if leverage.sum() > 0 else np.ones(count)
     return MapFeatures(
         prepared=prepared,
+        origin=np.zeros(3) if origin is None else origin,
         directions=directions,
         shares=shares,
         normals=normals[draw_rows(drawn, chosen.num_normals)],

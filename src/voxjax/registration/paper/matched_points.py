@@ -24,8 +24,8 @@ class NeighbouringPoints:
 
     def __init__(
         self,
-        voxels_a: Float32[np.ndarray, "n 3"],
-        voxels_b: Float32[np.ndarray, "m 3"],
+        voxels_a: Float[np.ndarray, "n 3"],
+        voxels_b: Float[np.ndarray, "m 3"],
         voxel_size: float,
         *,
         settings: PaperConfig | None = None,
@@ -42,7 +42,7 @@ class NeighbouringPoints:
         self.voxels_a, self.voxels_b = voxels_a, voxels_b
         self.voxel_size, self.settings = voxel_size, PaperConfig() if settings is None else settings
 
-    def beside(self, corners_b: Float32[np.ndarray, "k 3"], *, radius: float, count: int) -> np.ndarray:
+    def beside(self, corners_b: Float[np.ndarray, "k 3"], *, radius: float, count: int) -> np.ndarray:
         """Rows of the voxels of b within `radius` [m] of the corners, at most `count` a corner, each once."""
         ranks = list(range(1, min(count, len(self.voxels_b)) + 1))
         _, rows = self.tree_b.query(corners_b, k=ranks, distance_upper_bound=radius)  # pyright: ignore

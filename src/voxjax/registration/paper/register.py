@@ -48,7 +48,7 @@ def register_paper(
     # Counts of a window compare only between voxels of one size; details of the finer map cannot be made up in the
     # other.
     voxel = max(a.voxel_size, b.voxel_size)
-    a, b = a.with_voxel_size(voxel), b.with_voxel_size(voxel)
+    (a, origin_a), (b, origin_b) = (grid.with_voxel_size(voxel).localized() for grid in (a, b))
     if not a.num_occupied or not b.num_occupied:
         return _failure(RESULTS.empty_map, {})
     clock = _Clock()
@@ -63,12 +63,13 @@ def register_paper(
         return _failure(RESULTS.too_few_corners, stats)
 
     # Section IV.B-C: compatibility of all associations, then the largest schemes by backtracking.
-    points_a, points_b = np.asarray(corners_a.position), np.asarray(corners_b.position)
+    points_a, points_b = (np.asarray(c.position, np.float32) for c in (corners_a, corners_b))
     tolerance = chosen.distance_tolerance * voxel
     graph = consistency_graph(corners_a, corners_b, distance_tolerance=tolerance)
     clock.lap("consistency")
     # The search trees are built once: the early transform asks them thousands of times.
-    neighbours = NeighbouringPoints(a.occupied_points(), b.occupied_points(), voxel, settings=chosen)
+    voxels_a, voxels_b = (grid.occupied_points().astype(np.float32) for grid in (a, b))
+    neighbours = NeighbouringPoints(voxels_a, voxels_b, voxel, settings=chosen)
     early_align = neighbours.early_align()
     masks = np.asarray(corners_a.mask), np.asarray(corners_b.mask)
     extend = close_corners(points_a, points_b, *masks, tolerance, early_align)
@@ -99,6 +100,7 @@ def register_paper(
     options = {"size": size, "settings": chosen, "conflict_weight": conflict_weight}
     judged = judge_schemes(a, b, poses[order], counts[order], **options)
     clock.lap("evidence")
+    judged = judged.from_local(origin_a, origin_b)
     return replace(judged if found.completed else _cut_short(judged, chosen.max_nodes), stats=stats)
 
 
@@ -139,7 +141,7 @@ def _failure(result: RESULTS, stats: dict) -> Registration:
         ("num_corners_a", "num_corners_b", "num_associations", "clique_size", "num_hypotheses"), 0
     )
     return Registration(
-        T_a_b=np.eye(4, dtype=np.float32),
+        T_a_b=np.eye(4),
         verdict="no_overlap",
         confidence=0.0,
         covariance=np.full((6, 6), np.inf, np.float32),

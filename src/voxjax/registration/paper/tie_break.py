@@ -19,7 +19,7 @@ def count_fused_voxels(a: VoxelGrid, points_b: Float[Array, "n 3"], T_a_b: Float
     """
     # The origin of a is taken off before the division by the voxel size, so that float32 rounds small numbers.
     T = np.asarray(T_a_b, np.float32)
-    moved = np.asarray(points_b, np.float32) @ T[:3, :3].T + (T[:3, 3] - np.asarray(a.origin))
+    moved = np.asarray(points_b, np.float32) @ T[:3, :3].T + (T[:3, 3] - np.asarray(a.origin, np.float32))
     index = np.floor(moved / np.float32(a.voxel_size)).astype(np.int32)
     # Negative indices would wrap around in silence, and larger ones would be an error.
     index = index[((index >= 0) & (index < np.asarray(a.shape, np.int32))).all(axis=1)]
