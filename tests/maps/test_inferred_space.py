@@ -5,7 +5,7 @@ import pytest
 
 import small_worlds
 from voxjax import VoxelGrid, register
-from voxjax.maps import inferred_space
+from voxjax.maps import inferred_space, prepared
 from voxjax.maps.inferred_space import infer_free_space
 from voxjax.metrics import pose_error
 from voxjax.ops.surface.enclosure import is_enclosed
@@ -102,14 +102,18 @@ def test_a_cloud_is_registered_with_inferred_free_space_and_says_so():
     assert "unknown" in off.reason
 
 
-def test_half_a_scan_gets_too_little_and_stays_as_it_is():
+def test_half_a_scan_gets_too_little_and_stays_as_it_is(monkeypatch):
     grid = stripped(small_worlds.draw_map())
     states = np.asarray(grid.states).copy()
     states[:, :, 6:] = 0  # the floor and, of a third of the building, the feet of the walls
     states[20:, :, 2:] = 0
     half = VoxelGrid(states, grid.origin, grid.voxel_size)
     assert infer_free_space(half).num_free > 0
+    made = []
+    table = prepared.nearest_table
+    monkeypatch.setattr(prepared, "nearest_table", lambda *a, **k: made.append(a) or table(*a, **k))
     features = map_features(half, max_virtual=8)
     assert features.free_space == "unknown"
     assert features.prepared.grid.num_free == 0
+    assert len(made) == 1, "fields are made of the map that is used alone"
     assert map_features(grid, max_virtual=8).free_space == "inferred"

@@ -1,10 +1,11 @@
 """Maps prepared for registration."""
 
+import jax
 import numpy as np
 import pytest
 
 from small_worlds import draw_map
-from voxjax.maps.prepared import draw_rows, prepare_map
+from voxjax.maps.prepared import draw_rows, map_surface, prepare_map
 from voxjax.ops.evidence.nearest import split_keys
 from voxjax.ops.evidence.scoring import HIT
 
@@ -26,3 +27,13 @@ def test_unrefined_poses_are_compared_in_cells_of_about_0_3_m(voxel_size, factor
     assert (coarse_hits >= hits).all()
     squared = np.asarray(split_keys(prepared.keys)[1])
     assert squared[coarse_hits].max() <= (0.75 * factor) ** 2
+
+
+def test_a_known_surface_gives_the_same_prepared_map():
+    grid = draw_map(voxel_size=0.2)
+    surface, prepared = map_surface(grid), prepare_map(grid)
+    assert surface.free_share == prepared.free_share > 0.5
+    again = prepare_map(surface)
+    assert again.grid.equals(prepared.grid)
+    for found, expected in zip(jax.tree.leaves(again), jax.tree.leaves(prepared), strict=True):
+        np.testing.assert_array_equal(found, expected)

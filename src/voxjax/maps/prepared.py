@@ -1,5 +1,7 @@
 """`PreparedMap`: everything about one map that registration needs, computed once and used for all its pairs."""
 
+from typing import NamedTuple
+
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float32, Int32, UInt8, UInt32
@@ -10,7 +12,7 @@ from .._types import Array
 from ..grid import VoxelGrid, check_resolution
 from ..ops.evidence.lookup import Block
 from ..ops.evidence.map_tables import code_table, nearest_table
-from ..ops.surface.moments import surface_moments
+from ..ops.surface.moments import SurfaceMoments, surface_moments
 
 FIELD_RADIUS = 5
 """Reach of the nearest-voxel field [voxel]: what refinement can pull in."""
@@ -99,11 +101,45 @@ def _coarse_factor(voxel_size: float) -> int:
     return int(np.clip(np.ceil(coarse_cell / voxel_size - 1e-3), 2, 3))
 
 
-def prepare_map(grid: VoxelGrid) -> PreparedMap:
+class MapSurface(NamedTuple):
+    """A map and what its surface looks like: enough to tell how much free space lies before it.
+
+    Attributes:
+        grid: The map, cut to what is known.
+        index: Its occupied voxels, int32 (n, 3).
+        moments: The surface around each of them.
+    """
+
+    grid: VoxelGrid
+    index: Int32[np.ndarray, "n 3"]
+    moments: SurfaceMoments
+
+    @property
+    def free_share(self) -> float:
+        """Share of the occupied voxels with free space on one side of them."""
+        return float(np.asarray(self.moments.has_free).mean())
+
+
+def map_surface(grid: VoxelGrid) -> MapSurface:
+    """The part of `prepare_map` that takes little time.
+
+    Args:
+        grid: As `prepare_map` takes it.
+
+    Raises:
+        InputError: As from `prepare_map`.
+    """
+    grid = grid.crop_to_known()
+    check_resolution(grid)
+    index = grid.occupied_index()
+    return MapSurface(grid, index, surface_moments(np.asarray(grid.states), index, size=7, reach=3))
+
+
+def prepare_map(grid: VoxelGrid | MapSurface) -> PreparedMap:
     """Compute the fields and surface of a map.
 
     Args:
-        grid: At the working voxel size, with at least one occupied voxel.
+        grid: At the working voxel size, with at least one occupied voxel; its `map_surface` where that is known.
 
     Raises:
         InputError: If the map lies so far from the origin of its frame that float32 does not tell its voxels apart.
@@ -112,16 +148,14 @@ def prepare_map(grid: VoxelGrid) -> PreparedMap:
     hit_sq, clear_sq = 2, 4
     # Below it a normal does not say which side of a surface is free.
     min_planarity = 0.3
-    grid = grid.crop_to_known()
-    check_resolution(grid)
+    surface = grid if isinstance(grid, MapSurface) else map_surface(grid)
+    grid, index, moments = surface
     states = np.asarray(grid.states)
-    index = grid.occupied_index()
     # What kernels look up has one of few lengths, so that another map compiles nothing new.
     cells, rows = table_lengths(states.size, len(index))
     flat = to_device(as_table(np.ascontiguousarray(states).reshape(-1), cells))
     keys = nearest_table(index, states.shape, radius=FIELD_RADIUS)
 
-    moments = surface_moments(states, index, size=7, reach=3)
     normals, curvature, offset = (np.asarray(a) for a in (moments.normal, moments.curvature, moments.offset))
     planarity = _planarity(curvature, np.asarray(moments.num_occupied))
     is_planar = planarity > min_planarity
@@ -142,7 +176,7 @@ def prepare_map(grid: VoxelGrid) -> PreparedMap:
         weights=table(leverage_weights(normals, planarity)),
         planarity=table(planarity),
         num_points=len(index),
-        free_share=float(np.asarray(moments.has_free).mean()),
+        free_share=surface.free_share,
         keys=keys,
         codes=_codes(flat, keys, states.size, (hit_sq, clear_sq)),
         rough_codes=_codes(flat, keys, states.size, _coarse_bounds(_coarse_factor(grid.voxel_size))),

@@ -10,7 +10,7 @@ from ...features.corners import corners_of_planes
 from ...features.types import Corners
 from ...grid import VoxelGrid
 from ...maps.inferred_space import infer_free_space
-from ...maps.prepared import PreparedMap, draw_rows, prepare_map
+from ...maps.prepared import PreparedMap, draw_rows, map_surface, prepare_map
 from ...maps.settings import MapConfig
 from ...matching.descriptors import MapDescriptors, describe_map
 from ...planes.extract import extract_planes
@@ -127,9 +127,9 @@ def _prepare(grid: VoxelGrid, settings: MapConfig) -> tuple[PreparedMap, str]:
         inferred = infer_free_space(
             grid, reach=settings.inferred_reach, min_directions=settings.inferred_directions
         )
-        # How much of the surface has free space beside it is known only of the prepared map.
-        prepared = prepare_map(inferred)
-        if prepared.free_share >= settings.min_inferred:
-            return prepared, "inferred"
+        # The surface alone tells whether too little was inferred; the fields take most of the time.
+        surface = map_surface(inferred)
+        if surface.free_share >= settings.min_inferred:
+            return prepare_map(surface), "inferred"
     # Without inferred free space, or with too little to be of use, the map counts as it was given.
     return prepare_map(grid), "unknown"
