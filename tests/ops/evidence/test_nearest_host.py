@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 import voxjax as vx
 from near_fields import field_of
 from voxjax.ops.evidence import nearest_host
-from voxjax.ops.evidence.nearest import NOTHING_NEAR
+from voxjax.ops.evidence.nearest import INDEX_BITS, NOTHING_NEAR
 from voxjax.ops.evidence.nearest_host import evidence_codes_on_host, nearest_field_on_host
 from voxjax.ops.evidence.scoring import evidence_codes
 
@@ -25,6 +25,24 @@ def test_host_and_device_give_the_same_bits(shape, radius, seed):
     if len(index):
         expected = np.asarray(field_of(index, shape, radius))
     assert (found[:size] == expected).all()
+
+
+@pytest.mark.parametrize("slab", [40, 1 << 16])
+@pytest.mark.parametrize("shape", [(61, 50, 7), (3, 90, 12), (90, 2, 1)])
+def test_columns_far_apart_keep_their_distance(shape, slab, monkeypatch):
+    monkeypatch.setattr(nearest_host, "SLAB", slab)
+    rng = np.random.default_rng(slab)
+    chosen = rng.choice(int(np.prod(shape)), 12, replace=False)
+    # Voxels at the borders: beyond them the next line begins.
+    ends = [np.prod(shape) - 1, 0, np.ravel_multi_index((1, shape[1] - 1, 0), shape)]
+    index = np.argwhere(np.isin(np.arange(np.prod(shape)), [*chosen, *ends]).reshape(shape)).astype(np.int32)
+    cells = np.indices(shape).reshape(3, -1).T
+    squared = ((cells[:, None] - index[None]) ** 2).sum(axis=2)
+    for radius in (1, 4, 5):
+        expected = (squared << INDEX_BITS | np.arange(len(index))).min(axis=1)
+        expected[squared.min(axis=1) > radius**2] = NOTHING_NEAR
+        found = nearest_field_on_host(index, shape, length=len(cells), radius=radius)
+        np.testing.assert_array_equal(found, expected)
 
 
 def test_host_codes_equal_the_definition():

@@ -1,10 +1,11 @@
 """The field of nearest voxels and its evidence codes on the host: slabs that stay in the cache of a core, side by side.
 
-Nothing is compiled for a block of another size.
+Nothing is compiled for a block of another size. Columns along z that no voxel is near are left out of all passes, for
+in maps of the outdoors those are most.
 """
 
 import numpy as np
-from jaxtyping import Int32, UInt8, UInt32
+from jaxtyping import Bool, Int32, UInt8, UInt32
 
 from ..._checks import InputError
 from ..._runtime.tables import reserve
@@ -40,38 +41,69 @@ def nearest_field_on_host(
     width, height, depth = shape
     field = reserve(length, dtype=np.uint32)
     block = field[: width * height * depth].reshape(shape)
+    columns = block.reshape(-1, depth)
+    filled = np.zeros((width, height), bool)
+    filled[index[:, 0], index[:, 1]] = True
     # The list is in C order: the voxels of a plane are a slice of it, so slabs need no search.
-    first = np.searchsorted(index[:, 0], np.arange(width + 1))
-    # A gap after each row and each plane, so that steps along an axis never leave it.
-    gapped = (height + radius, depth + radius)
-    planes = max(SLAB // (gapped[0] * gapped[1]), 1)
+    first = np.searchsorted(index[:, 0], np.arange(width + 1)).tolist()
 
-    def spread_in_planes(start: int) -> None:
-        end = min(start + planes, width)
-        # The gaps hold nothing, and what spreads into them is left behind.
-        keys = np.full((end - start, *gapped), NOTHING_NEAR)
-        rows = slice(first[start], first[end])
+    def spread_in_planes(planes: slice) -> None:
+        places = np.flatnonzero(_near(filled[planes], radius))
+        # A gap after each column, so that steps along it never leave it.
+        keys = np.full((len(places), depth + radius), NOTHING_NEAR)
+        rows = slice(first[planes.start], first[planes.stop])
         x, y, z = index[rows].T
-        keys[x - start, y, z] = np.arange(rows.start, rows.stop, dtype=np.uint32)
+        slots = np.searchsorted(places, (x - planes.start).astype(np.int64) * (height + radius) + y)
+        keys[slots, z] = np.arange(rows.start, rows.stop, dtype=np.uint32)
         flat = keys.reshape(-1)
         # The order of axes does not matter; z and y come first, because their neighbours are in the slab.
         _spread_along(flat, 1, radius)
-        _spread_along(flat, gapped[1], radius)
-        block[start:end] = keys[:, :height, :depth]
+        _spread_along(flat, depth + radius, radius)
+        block[planes] = NOTHING_NEAR
+        x, y = np.divmod(places, height + radius)
+        is_inside = y < height
+        columns[((x + planes.start) * height + y)[is_inside]] = keys[is_inside, :depth]
 
     # Along x all planes are needed, so this pass cuts the block the other way, and begins when the first one has ended.
-    columns = block.reshape(width, -1)
-    across = max(SLAB // max(width, 1), 1)
+    reached = _near(filled, radius)[:, :height]
+    across = np.ascontiguousarray(reached.T)
 
-    def spread_across_planes(start: int) -> None:
-        # The steps of the pass work on a copy in one piece, which stays in the cache.
-        part = np.ascontiguousarray(columns[:, start : start + across])
-        _spread_along(part.reshape(-1), part.shape[1], radius)
-        columns[:, start : start + across] = part
+    def spread_across_planes(lines: slice) -> None:
+        places = np.flatnonzero(_near(across[lines], radius))
+        y, x = np.divmod(places, width + radius)
+        is_inside = x < width
+        source = (x * height + y + lines.start)[is_inside]
+        keys = np.full((len(places), depth), NOTHING_NEAR)
+        keys[is_inside] = columns[source]
+        _spread_along(keys.reshape(-1), depth, radius)
+        columns[source] = keys[is_inside]
 
-    spread(spread_in_planes, range(0, width, planes))
-    spread(spread_across_planes, range(0, columns.shape[1], across))
+    spread(spread_in_planes, _slabs(reached, depth))
+    spread(spread_across_planes, _slabs(_near(across, radius), depth))
     return field
+
+
+def _near(filled: Bool[np.ndarray, "lines n"], radius: int) -> Bool[np.ndarray, "lines gapped"]:
+    """Columns of lines that are near a filled one in their line, and in a gap of `radius` columns after each line.
+
+    In a list of these alone, whatever is up to `radius` columns from a filled one is as far from it as in the line, so
+    that steps along lines may leave out all others.
+    """
+    gapped = np.pad(filled, ((0, 0), (0, radius)))
+    flat = gapped.reshape(-1)
+    near = flat.copy()
+    for step in range(1, min(radius, len(flat)) + 1):
+        near[step:] |= flat[:-step]
+        near[:-step] |= flat[step:]
+    return near.reshape(gapped.shape)
+
+
+def _slabs(near: Bool[np.ndarray, "lines n"], depth: int) -> list[slice]:
+    """All lines, in slices whose near columns have about as many cells as a slab."""
+    cells = np.cumsum(near.sum(axis=1)) * depth
+    # A line belongs to the slab that the cells before its end have filled so far.
+    ends = np.flatnonzero(np.diff(cells // SLAB, append=-1)) + 1
+    return [slice(int(a), int(b)) for a, b in zip([0, *ends[:-1]], ends, strict=True)]
 
 
 def _spread_along(keys: np.ndarray, stride: int, radius: int) -> None:
