@@ -42,7 +42,7 @@ def rescale_states(
     _check_result(states.shape, base, voxel_size, new_voxel_size, has_log_odds=log_odds is not None)
     # Log-odds of unknown voxels must not win over negative ones of free voxels.
     odds = None if log_odds is None else np.where(states == UNKNOWN, np.float32(-np.inf), log_odds)
-    plans = [_plan_axis(base[a], states.shape[a], voxel_size / new_voxel_size) for a in range(3)]
+    plans = [plan_axis(base[a], states.shape[a], voxel_size / new_voxel_size) for a in range(3)]
     states = _apply(states, plans)
     odds = None if odds is None else _apply(odds, plans)
     if odds is not None:
@@ -74,8 +74,18 @@ def _check_result(
     check_memory(need, f"{what}, of {num_voxels:.3g} voxels,", advice, on_device=False)
 
 
-def _plan_axis(base: float, count: int, ratio: float) -> tuple[int, np.ndarray, bool]:
-    """Lowest new cell; for each new cell the first of its old ones (coarser) or its only one (finer)."""
+def plan_axis(base: float, count: int, ratio: float) -> tuple[int, np.ndarray, bool]:
+    """Which voxels go into which cells of another size, along one axis.
+
+    Args:
+        base: Where the first voxel begins [voxel].
+        count: How many voxels there are, at least one.
+        ratio: Width of a voxel [cell].
+
+    Returns:
+        Number of the lowest cell, for cells that follow each other; for each cell the first of its voxels (coarser) or
+        its only one (finer), int64 in ascending order; and whether the cells are coarser.
+    """
     # Centres that lie on a border of new voxels [voxels] go to the upper one, whichever way they were rounded.
     tie = 1e-4
     if ratio < 1.0:
