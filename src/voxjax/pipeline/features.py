@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from .._checks import InputError
 from .._runtime.mappings import release_kernels_if_crowded
 from ..grid import VoxelGrid
+from ..maps.main_part import main_part
 from ..registration.hypotheses.map_features import MapFeatures, map_features
 from .config import Config
 
@@ -31,7 +32,7 @@ def _coarsened(voxel_size: float, settings: Config) -> float:
 
 
 def features_at(grid: VoxelGrid, *, voxel_size: float, config: Config | None = None) -> MapFeatures:
-    """Features of one map for all its pairs.
+    """Features of one map for all its pairs; of its main part, where pieces lie far away from all the rest.
 
     Args:
         grid: A map with at least one occupied voxel.
@@ -44,15 +45,18 @@ def features_at(grid: VoxelGrid, *, voxel_size: float, config: Config | None = N
     if grid.num_occupied == 0:
         raise InputError("grid must have at least one occupied voxel, got none; leave the map out.")
     settings = Config() if config is None else config
+    # Before anything is made of the whole box, which a single stray may make a thousand times as large.
+    part, num_isolated = main_part(grid)
     # Maps of ever new sizes bring ever new kernels, until the process has no memory mapping left for one.
     release_kernels_if_crowded()
     # Voxel sizes that went through float32 or text differ in their last digits; such maps are not resampled.
     same = abs(grid.voxel_size - voxel_size) < 1e-6 * voxel_size
     # Kernels see the map around zero, wherever it lies in its own frame.
-    local, origin = (grid if same else grid.with_voxel_size(voxel_size)).localized()
+    local, origin = (part if same else part.with_voxel_size(voxel_size)).localized()
     return map_features(
         local,
         origin=origin,
+        num_isolated=num_isolated,
         max_virtual=settings.source.max_virtual_corners,
         settings=settings.map,
         rotation=settings.rotation,

@@ -7,8 +7,8 @@ import numpy as np
 
 from .._runtime.memory import GIGABYTE, check_memory, memory_limit
 from .._runtime.tables import MAX_ROWS, check_cells
-from .._types import OCCUPIED
 from ..grid import VoxelGrid
+from ..maps.main_part import main_part
 
 
 class MapSize(NamedTuple):
@@ -54,17 +54,15 @@ def check_register_memory(
     limit = memory_limit()
     if limit is None:
         return
-    counts = [int(np.count_nonzero(np.asarray(grid.states) == OCCUPIED)) for grid in grids]
+    counts = [grid.num_occupied for grid in grids]
     sizes = [MapSize(grid.shape, n, grid.voxel_size) for grid, n in zip(grids, counts, strict=True)]
     uncropped = sizes if preset == "paper" else ()
     # The whole block bounds the box around what is known from above: where it fits, nobody needs to look for
     # the box.
     if register_memory(sizes, voxel_size, uncropped) <= limit:
         return
-    # Features are of the box around what is known.
-    sizes = [
-        size._replace(sides=_known_sides(np.asarray(g.states))) for g, size in zip(grids, sizes, strict=True)
-    ]
+    # Features are of the box around what is known of the main part.
+    sizes = [size._replace(sides=_known_sides(grid)) for grid, size in zip(grids, sizes, strict=True)]
     scaled = [size.at(voxel_size) for size in uncropped or sizes]
     check_memory(
         register_memory(sizes, voxel_size, uncropped),
@@ -84,10 +82,8 @@ def _check_index_range(grids: Sequence[VoxelGrid], voxel_size: float) -> None:
         # There are no more occupied voxels than voxels, so one comparison is enough for both.
         if MapSize(grid.shape, 0, grid.voxel_size).at(voxel_size)[0] <= MAX_ROWS:
             continue
-        states = np.asarray(grid.states)
-        # Plane by plane, a comparison takes the memory of one plane instead of another map.
-        occupied = sum(int(np.count_nonzero(plane == OCCUPIED)) for plane in states)
-        num_voxels, num_occupied = MapSize(_known_sides(states), occupied, grid.voxel_size).at(voxel_size)
+        part = MapSize(_known_sides(grid), grid.num_occupied, grid.voxel_size)
+        num_voxels, num_occupied = part.at(voxel_size)
         advice = "take a larger voxel size, crop the map, or work tile by tile (voxjax.ops.map_tiles)"
         check_cells(num_voxels, num_occupied, f"a map at {voxel_size:g} m", advice)
 
@@ -116,9 +112,9 @@ def register_memory(sizes: Sequence[MapSize], voxel_size: float, uncropped: Sequ
     return kernels + max(window, sum(kept) + sum(work[-2:]))
 
 
-def _known_sides(states: np.ndarray) -> tuple[int, ...]:
-    """Sides of the box around what is known [voxel]."""
-    sides = []
+def _known_sides(grid: VoxelGrid) -> tuple[int, ...]:
+    """Sides of the box around what is known of the main part of a map [voxel]."""
+    states, sides = np.asarray(main_part(grid)[0].states), []
     for axis in range(3):
         hit = np.flatnonzero(states.any(axis=tuple(other for other in range(3) if other != axis)))
         sides.append(int(hit[-1] - hit[0]) + 1 if hit.size else 0)

@@ -1,6 +1,7 @@
 """Register two maps: `register` checks and prepares them, `register_features` is the algorithm, stage by stage."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any, Literal
 
@@ -13,6 +14,7 @@ from .._runtime.mappings import release_kernels_if_crowded
 from .._runtime.threads import spread
 from ..frames import to_local
 from ..grid import VoxelGrid, check_grid
+from ..maps.main_part import main_part
 from ..refinement.refine import Refinement, refine
 from ..registration.hypotheses.map_features import MapFeatures, worse_free_space
 from ..registration.hypotheses.pose_range import PoseRange
@@ -80,10 +82,12 @@ def register(
         if grid.num_occupied == 0:
             return nothing_found(f"Map {name} has no occupied voxel.", RESULTS.empty_map)
     if preset == "paper":
+        (a, isolated_a), (b, isolated_b) = main_part(a), main_part(b)
         # The paper's method knows no working voxel size and compares maps at the coarser one of the two.
         check_register_memory([a, b], max(a.voxel_size, b.voxel_size), preset="paper")
         stages.announce("the paper's pipeline")
-        return register_paper(a, b, settings.paper, conflict_weight=settings.evidence.conflict_weight)
+        found = register_paper(a, b, settings.paper, conflict_weight=settings.evidence.conflict_weight)
+        return replace(found, stats=found.stats | _isolated(isolated_a, isolated_b))
     size = working_voxel_size([a, b], settings)
     check_register_memory([a, b], size)
     with stages.stage("features"):
@@ -170,6 +174,7 @@ def register_features(
     with stages.stage("verdict"):
         pose = _last_refinement(a, b, leaders.poses[0], settings.pose)
     counts |= {"has_free_space": has_free_space, "free_space": free_space}
+    counts |= _isolated(a.num_isolated, b.num_isolated)
     # Shares of the evidence are of both maps together, so counts for the report are too.
     num_voxels = a.prepared.num_points + b.prepared.num_points
     found = registration_of(
@@ -181,6 +186,11 @@ def register_features(
         stats=counts | {"seconds": stages.seconds},
     )
     return found.from_local(a.origin, b.origin)
+
+
+def _isolated(num_a: int, num_b: int) -> dict[str, int]:
+    """How many voxels of each map were left aside, for the report."""
+    return {"num_isolated_a": num_a, "num_isolated_b": num_b}
 
 
 def _last_refinement(a: MapFeatures, b: MapFeatures, T_a_b: np.ndarray, settings: PoseConfig) -> Refinement:

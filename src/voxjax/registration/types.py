@@ -75,8 +75,10 @@ class Registration(eqx.Module):
         result: How the computation ended. Compare it, as in `found.result == vx.RESULTS.successful`: the text of a
             success is empty, so that it prints as `RESULTS<>`.
         stats: "num_associations", "clique_size", "num_hypotheses", "seconds" ({stage: s}), "free_space" ("observed",
-            "inferred" or "unknown", the worse of both maps); "num_corners_a" and "num_corners_b" only where corners
-            were looked for, that is where the first round of hypotheses did not decide.
+            "inferred" or "unknown", the worse of both maps), "num_isolated_a" and "num_isolated_b" (occupied voxels far
+            away from the rest of their map, which are left aside, `maps/isolated.py`); "num_corners_a" and
+            "num_corners_b" only where corners were looked for, that is where the first round of hypotheses did not
+            decide.
     """
 
     T_a_b: Float[Array, "4 4"]

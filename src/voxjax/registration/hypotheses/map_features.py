@@ -58,6 +58,7 @@ class MapFeatures:
         normals: Normals drawn by leverage, that rotations are judged by.
         late: Corners and descriptors, computed when first asked for.
         free_space: "observed" by the sensor, "inferred" from what encloses it, or "unknown".
+        num_isolated: Occupied voxels of the map that lie far away from all the rest, and are not in its features.
     """
 
     prepared: PreparedMap
@@ -67,6 +68,7 @@ class MapFeatures:
     normals: Float32[np.ndarray, "s 3"]
     late: LateFeatures
     free_space: str
+    num_isolated: int = 0
 
     @property
     def corners(self) -> Corners:
@@ -78,6 +80,7 @@ def map_features(
     grid: VoxelGrid,
     *,
     origin: Float[np.ndarray, "3"] | None = None,
+    num_isolated: int = 0,
     max_virtual: int = SourceConfig.max_virtual_corners,
     settings: MapConfig | None = None,
     rotation: RotationConfig | None = None,
@@ -88,6 +91,7 @@ def map_features(
     Args:
         grid: A map at the working voxel size, in a frame in which it lies near zero.
         origin: Origin of that frame in the frame of the map [m]; None for a map in its own frame.
+        num_isolated: Occupied voxels that were left out of the map beforehand.
         max_virtual: Largest number of virtual corners.
         settings: Whether free space is inferred, and when it is used; None for the defaults.
         rotation: How many normals and directions are taken; None for the defaults.
@@ -111,6 +115,7 @@ def map_features(
         normals=normals[draw_rows(drawn, chosen.num_normals)],
         late=LateFeatures(prepared.grid, max_virtual, plane),
         free_space=free_space,
+        num_isolated=num_isolated,
     )
 
 
