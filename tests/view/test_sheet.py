@@ -77,3 +77,21 @@ def test_a_sheet_is_as_wide_as_asked():
     margins = 2 * 24
     assert draw_merge([grid, grid], [np.eye(4)] * 2, grid, width=400).shape[1] == 400 + margins
     assert draw_maps([grid, grid], width=300).shape[1] == 300 + margins
+
+
+def test_strays_far_away_change_the_titles_alone():
+    grid = _random_grid(4, (24, 20, 6)).crop_to_known()
+    states = np.zeros((400, *grid.shape[1:]), np.uint8)
+    states[: grid.shape[0]] = grid.states
+    states[-1, 3, 2] = 2
+    stray = VoxelGrid(states, grid.origin, grid.voxel_size)
+    pictures = [
+        (draw_maps([grid]), draw_maps([stray])),
+        (draw_merge([grid], [np.eye(4)], grid), draw_merge([stray], [np.eye(4)], stray)),
+    ]
+    for near, far in pictures:
+        assert near.shape == far.shape
+        differs = (near != far).any(axis=-1)
+        # Of a title's height, and one title for each panel.
+        assert differs.any()
+        assert np.count_nonzero(differs.any(axis=1)) < 40

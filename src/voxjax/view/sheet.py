@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from .._runtime.memory import check_memory
 from .._types import FREE, OCCUPIED, Array
+from ..maps.main_part import main_part
 from .colors import SHARED_COLOR, color_by_height, map_color, tint_by_height
 from .paint import ceiling_cut, paint_isometric, paint_top
 from .panels import Image, framed, legend, rows, stack, titled, trimmed
@@ -88,7 +89,7 @@ def seen_by(
     Returns:
         One row a map, one column for each of `fused.occupied_index()`.
     """
-    points = fused.occupied_points().astype(np.float64)
+    points = fused.occupied_points()
     is_seen = np.zeros((len(grids), len(points)), bool)
     for row, grid, pose in zip(is_seen, grids, poses, strict=True):
         if pose is not None:
@@ -117,6 +118,8 @@ def draw_maps(
 ) -> Image:
     """Draw each map in isometric view (above) and from above (below), coloured by height.
 
+    Isolated far pieces are not drawn, and counted in the title (`maps/isolated.py`).
+
     Args:
         grids: The maps; two stand side by side.
         names: Labels of the maps.
@@ -128,8 +131,11 @@ def draw_maps(
     """
     across = width // 2
     panels = []
-    for number, grid in enumerate(grids):
-        title = f"{names[number] if names else f'map {number}'}   {grid.num_occupied:,} occupied voxels"
+    for number, whole in enumerate(grids):
+        # A stray far away would make everything else a dot.
+        grid, num_isolated = main_part(whole)
+        label = names[number] if names else f"map {number}"
+        title = f"{label}   {grid.num_occupied:,} occupied voxels{_not_drawn(num_isolated)}"
         isometric = draw_grid(grid, width=across, height=across * 3 // 4, cut_ceiling=cut_ceiling)
         from_above = draw_grid(
             grid, width=across, height=across * 5 // 9, view="top", cut_ceiling=cut_ceiling
@@ -148,6 +154,8 @@ def draw_merge(
 ) -> Image:
     """Draw the maps, each in its own frame and colour, and the fused map coloured by which maps saw what.
 
+    Isolated far pieces are not drawn, and counted in the titles (`maps/isolated.py`).
+
     Args:
         grids: The maps that were merged.
         poses: For each map its transform (4, 4) into the frame of `fused`; None for maps that were left out.
@@ -160,13 +168,15 @@ def draw_merge(
     """
     # The legend has an entry for each map that is in the fused one; others could not be found in the picture.
     labels = list(names) if names else [f"map {number}" for number in range(len(grids))]
+    grids, nums_isolated = zip(*map(main_part, grids), strict=True)
+    fused, num_isolated = main_part(fused)
     is_used = [pose is not None for pose in poses]
     entries = [(f"only {labels[n]}", map_color(n)) for n, used in enumerate(is_used) if used]
     return framed(
         stack(
             [
-                _maps_in_their_frames(grids, labels, is_used, width),
-                _fused_views(fused, share_colors(seen_by(grids, poses, fused)), width),
+                _maps_in_their_frames(grids, labels, is_used, width, nums_isolated),
+                _fused_views(fused, share_colors(seen_by(grids, poses, fused)), width, num_isolated),
                 legend([*entries, ("two or more", SHARED_COLOR)], width),
             ]
         )
@@ -174,7 +184,11 @@ def draw_merge(
 
 
 def _maps_in_their_frames(
-    grids: Sequence[VoxelGrid], labels: Sequence[str], is_used: Sequence[bool], width: int
+    grids: Sequence[VoxelGrid],
+    labels: Sequence[str],
+    is_used: Sequence[bool],
+    width: int,
+    nums_isolated: Sequence[int],
 ) -> Image:
     """Each map in its colour, in isometric view and below it from above, side by side."""
     # A single map takes half of the width and more than four go into further rows, or labels could not be read.
@@ -194,12 +208,12 @@ def _maps_in_their_frames(
         ]
         for n, isometric, from_above in zip(numbers, *views, strict=True):
             note = "in its own frame" if is_used[n] else "fits none, left out"
-            title = f"{labels[n]}: {note}"
+            title = f"{labels[n]}: {note}{_not_drawn(nums_isolated[n])}"
             blocks.append(stack([titled(isometric, title, map_color(n)), from_above]))
     return rows(blocks, per_row=columns)
 
 
-def _fused_views(fused: VoxelGrid, colors: UInt8[np.ndarray, "n 3"], width: int) -> Image:
+def _fused_views(fused: VoxelGrid, colors: UInt8[np.ndarray, "n 3"], width: int, num_isolated: int) -> Image:
     """The fused map in isometric view and, beside it, from above."""
     left, height = width // 2, width * 2 // 5
     isometric, from_above = trimmed(
@@ -208,8 +222,13 @@ def _fused_views(fused: VoxelGrid, colors: UInt8[np.ndarray, "n 3"], width: int)
             draw_grid(fused, width=width - left, height=height, color=colors, view="top"),
         ]
     )
-    title = f"fused: {fused.num_occupied:,} occupied voxels"
+    title = f"fused: {fused.num_occupied:,} occupied voxels{_not_drawn(num_isolated)}"
     return rows([titled(isometric, title), titled(from_above, "the same from above")], per_row=2)
+
+
+def _not_drawn(num_isolated: int) -> str:
+    """What a title says of voxels that lie far away from all the rest."""
+    return f", {num_isolated:,} far away not drawn" if num_isolated else ""
 
 
 def grid_png(grid: VoxelGrid, *, width: int = 640, height: int = 440) -> bytes:
