@@ -28,7 +28,7 @@ from bench.reports import write_json
 from bench.timing import setting
 from voxjax.metrics import pose_error
 from voxjax.pipeline.config import Config
-from voxjax.pipeline.features import features_at, working_voxel_size
+from voxjax.pipeline.features import features_at, working_voxel
 from voxjax.pipeline.pair import register_features
 
 
@@ -93,7 +93,7 @@ class Runner:
             (_, fa), (b, fb) = (self.single[seed] for seed in seeds)
             return judge(register_features(fa, fb), None, b)
         (a, b), truth = self.load(seeds[0], kind)
-        size = working_voxel_size([a, b], Config())
+        size = working_voxel([a, b], Config()).size
         fa, fb = features_at(a, voxel_size=size), features_at(b, voxel_size=size)
         return judge(register_features(fa, fb), truth, b)
 

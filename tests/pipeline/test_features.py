@@ -6,11 +6,11 @@ import pytest
 import voxjax as vx
 from small_worlds import draw_map
 from voxjax.pipeline.config import config_from
-from voxjax.pipeline.features import features_at, working_voxel_size
+from voxjax.pipeline.features import features_at, working_voxel
 
 
-def grid_of(voxel_size):
-    return vx.VoxelGrid(np.full((2, 2, 2), 2, np.uint8), np.zeros(3), voxel_size)
+def grid_of(voxel_size, side=2):
+    return vx.VoxelGrid(np.full((side, side, side), 2, np.uint8), np.zeros(3), voxel_size)
 
 
 @pytest.mark.parametrize(
@@ -27,8 +27,27 @@ def grid_of(voxel_size):
     ],
 )
 def test_the_coarser_map_decides_after_fine_ones_were_made_coarser(sizes, settings, expected):
-    config = config_from({"map": settings})
-    assert working_voxel_size([grid_of(size) for size in sizes], config) == pytest.approx(expected)
+    config = config_from({"map": {"min_surface": 0} | settings})
+    assert working_voxel([grid_of(size) for size in sizes], config).size == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("maps", "expected", "reason"),
+    [
+        # 20, 26 and 32 cubed are 8,000, 17,576 and 32,768 voxels.
+        ([(0.03, 20)], 0.03, "a map's own, for a coarser one would leave it fewer than 8,192"),
+        ([(0.03, 26)], 0.03, "a map's own"),
+        ([(0.03, 32)], 0.06, "2 voxels of a map that is finer than map.fine_voxel_size"),
+        ([(0.05, 20), (0.03, 32)], 0.06, "2 voxels of a map"),
+        ([(0.05, 32), (0.2, 2)], 0.2, "that of the coarsest map"),
+    ],
+)
+def test_a_map_is_made_coarser_only_as_far_as_enough_surface_is_left(maps, expected, reason):
+    voxel = working_voxel([grid_of(*each) for each in maps], config_from(None))
+    assert voxel.size == pytest.approx(expected)
+    assert voxel.reason.startswith(reason)
+    chosen = working_voxel([grid_of(0.03)], config_from({"map": {"voxel_size": 0.5}}))
+    assert chosen == (0.5, "as set by map.voxel_size")
 
 
 def test_features_follow_the_settings():

@@ -11,7 +11,7 @@ from small_worlds import FURNITURE, OTHER_FURNITURE, OTHER_ROOMS, draw_map, pose
 from voxjax.metrics import pose_error
 from voxjax.pipeline import pair
 from voxjax.pipeline.config import Config
-from voxjax.pipeline.features import features_at, working_voxel_size
+from voxjax.pipeline.features import features_at, working_voxel
 from voxjax.pipeline.pair import register_features
 
 T_MAP_WORLD = pose(yaw=-71.0, tilt=25.0, translation=(-4.0, 2.5, 0.7))
@@ -132,7 +132,7 @@ def test_different_voxel_sizes_are_compared_at_the_coarser(maps):
     fine = draw_map(T_MAP_WORLD, voxel_size=0.1)
     found = vx.register(maps[0], fine)
     error = pose_error(found.T_a_b, maps[2], centroid(fine))
-    assert working_voxel_size([maps[0], fine], Config()) == maps[0].voxel_size
+    assert working_voxel([maps[0], fine], Config()).size == maps[0].voxel_size
     assert error.degrees < 1.0
     assert error.metres < 0.15
 

@@ -11,10 +11,12 @@ class MapConfig(Settings, table="map"):
 
     Attributes:
         voxel_size: Working voxel size [m]; 0 takes the coarser map's, and brings maps finer than `fine_voxel_size` to
-            about `usual_voxel_size`: the evidence bounds are lengths that belong to the accuracy of maps, not numbers
-            of voxels.
+            about `usual_voxel_size`, as far as `min_surface` allows: the evidence bounds are lengths that belong to the
+            accuracy of maps, not numbers of voxels.
         fine_voxel_size: Maps finer than this are made coarser [m].
         usual_voxel_size: About the voxel size of fine maps after that [m]: the trials behind the evidence ran there.
+        min_surface: A map is made coarser only as far as it keeps about so many occupied voxels: a fragment of a room,
+            seen from near, is small and drifts little, and its details are all that it has.
         infer_free_space: Take what surfaces enclose for free in a map that records no free space
             (`maps/inferred_space.py`). Fusion never uses it.
         inferred_reach: Length of the rays that look for surfaces around a place [m]: across a hall, not across a
@@ -27,6 +29,7 @@ class MapConfig(Settings, table="map"):
     voxel_size: float = setting(0.0, low=0.0, high=1_000.0)
     fine_voxel_size: float = setting(0.075, low=0.0, high=1_000.0)
     usual_voxel_size: float = setting(0.1, above=0.0, high=1_000.0)
+    min_surface: int = setting(8192, low=0, high=1_000_000_000)
     infer_free_space: bool = setting(True)
     inferred_reach: float = setting(12.0, above=0.0, high=1_000.0)
     inferred_directions: int = setting(20, low=1, high=26)

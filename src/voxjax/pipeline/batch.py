@@ -9,7 +9,7 @@ from ..grid import VoxelGrid, check_grids
 from ..registration.hypotheses.map_features import MapFeatures
 from ..registration.types import Registration
 from .config import Config, config_from
-from .features import features_at, working_voxel_size
+from .features import features_at, working_voxel
 from .pair import register, register_features
 
 
@@ -63,9 +63,10 @@ def register_batch(
         if a.num_occupied == 0 or b.num_occupied == 0:
             found = register(a, b, config=settings, gravity_aligned=gravity_aligned)
         else:
-            size = working_voxel_size([a, b], settings)
-            found = register_features(
-                features_of(a, size), features_of(b, size), config=settings, gravity_aligned=gravity_aligned
+            voxel = working_voxel([a, b], settings)
+            features_a, features_b = (features_of(grid, voxel.size) for grid in (a, b))
+            found = voxel.noted(
+                register_features(features_a, features_b, config=settings, gravity_aligned=gravity_aligned)
             )
         results.append(found)
         if on_pair is not None:

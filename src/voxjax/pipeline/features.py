@@ -1,34 +1,69 @@
 """Features of maps at the voxel size at which they are compared."""
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 from .._checks import InputError
 from .._runtime.mappings import release_kernels_if_crowded
 from ..grid import VoxelGrid
 from ..maps.main_part import main_part
 from ..registration.hypotheses.map_features import MapFeatures, map_features
+from ..registration.types import Registration
 from .config import Config
 
 
-def working_voxel_size(grids: Sequence[VoxelGrid], settings: Config) -> float:
-    """Voxel size [m] at which maps are compared: the coarsest map's, after fine ones were made coarser.
+class WorkingVoxel(NamedTuple):
+    """The voxel size at which maps are compared.
+
+    Attributes:
+        size: Edge length [m].
+        reason: Why this size, as words that follow it in a sentence.
+    """
+
+    size: float
+    reason: str
+
+    def noted(self, found: Registration) -> Registration:
+        """A registration that says at which voxel size the maps were compared, and why."""
+        return replace(found, stats=found.stats | {"voxel_size": self.size, "voxel_size_reason": self.reason})
+
+
+def working_voxel(grids: Sequence[VoxelGrid], settings: Config) -> WorkingVoxel:
+    """Voxel size at which maps are compared: the coarsest map's, after fine ones were made coarser.
 
     Args:
         grids: All maps that are compared with each other.
         settings: A voxel size, or how fine is too fine (`MapConfig`).
     """
     if settings.map.voxel_size > 0:
-        return settings.map.voxel_size
+        return WorkingVoxel(settings.map.voxel_size, "as set by map.voxel_size")
     # Fine maps are made coarser first: beside one of 10 cm, maps of 4 cm must not ask for a size of their own.
-    return max(_coarsened(grid.voxel_size, settings) for grid in grids)
+    sizes = [_coarsened(grid, settings) for grid in grids]
+    size = max(sizes)
+    coarsest = grids[sizes.index(size)]
+    factor = round(size / coarsest.voxel_size)
+    if factor > 1:
+        reason = f"{factor} voxels of a map that is finer than map.fine_voxel_size, {settings.map.fine_voxel_size:g} m"
+    elif size < settings.map.fine_voxel_size:
+        least = settings.map.min_surface
+        reason = f"a map's own, for a coarser one would leave it fewer than {least:,} occupied voxels"
+    else:
+        reason = "that of the coarsest map"
+    return WorkingVoxel(size, reason)
 
 
-def _coarsened(voxel_size: float, settings: Config) -> float:
-    """Multiple of a voxel size that is about the usual one, where it is fine."""
-    if voxel_size >= settings.map.fine_voxel_size:
-        return voxel_size
+def _coarsened(grid: VoxelGrid, settings: Config) -> float:
+    """Multiple of a map's voxel size that is about the usual one, where it is fine and shows enough surface."""
+    if grid.voxel_size >= settings.map.fine_voxel_size:
+        return grid.voxel_size
     # With a whole multiple each coarser voxel consists of equally many finer ones.
-    return voxel_size * max(round(settings.map.usual_voxel_size / voxel_size), 1)
+    factor = max(round(settings.map.usual_voxel_size / grid.voxel_size), 1)
+    if settings.map.min_surface:
+        # Occupied voxels are surfaces, which get fewer with the square of the factor.
+        factor = min(factor, max(math.isqrt(grid.num_occupied // settings.map.min_surface), 1))
+    return grid.voxel_size * factor
 
 
 def features_at(grid: VoxelGrid, *, voxel_size: float, config: Config | None = None) -> MapFeatures:

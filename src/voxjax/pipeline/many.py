@@ -14,7 +14,7 @@ from ..fusion.rules import RULES
 from ..grid import VoxelGrid, check_grids
 from ..registration.hypotheses.map_features import MapFeatures
 from .config import Config, config_from
-from .features import features_at, working_voxel_size
+from .features import WorkingVoxel, features_at, working_voxel
 from .memory_need import check_register_memory
 from .merged import Merge, Status
 from .pair import register, register_features
@@ -68,7 +68,9 @@ def merge(
     with stages.measure("features"):
         # A working voxel size is one for all maps here, whereas `register` takes that of its pair: features are
         # then made once.
-        features = _features_of_all(grids, settings, stages) if preset == "default" else [None] * len(grids)
+        features, voxel = [None] * len(grids), None
+        if preset == "default":
+            features, voxel = _features_of_all(grids, settings, stages)
 
     # 2. Every pair on its own.
     pairs = []
@@ -85,10 +87,10 @@ def merge(
             features_a, features_b = features[a], features[b]
             # Maps without an occupied voxel go the same way as those of the paper: `register` has a sentence
             # for them.
-            if features_a is None or features_b is None:
+            if features_a is None or features_b is None or voxel is None:
                 found = register(grids[a], grids[b], preset=preset, **options)
             else:
-                found = register_features(features_a, features_b, **options)
+                found = voxel.noted(register_features(features_a, features_b, **options))
             pairs.append((a, b, found))
 
     # 3. Poses along the best tree of accepted pairs.
@@ -127,24 +129,26 @@ def _check(grids: Sequence[VoxelGrid], init_guess: object) -> None:
         )
 
 
-def _features_of_all(grids: Sequence[VoxelGrid], settings: Config, stages: Stages) -> list[Any]:
-    """`MapFeatures` of each map; None for a map with nothing occupied."""
+def _features_of_all(
+    grids: Sequence[VoxelGrid], settings: Config, stages: Stages
+) -> tuple[list[Any], WorkingVoxel | None]:
+    """`MapFeatures` of each map, None for a map with nothing occupied, and their voxel size; None if all are empty."""
     # An empty map must not decide the voxel size at which the others are compared.
     filled = [number for number, grid in enumerate(grids) if grid.num_occupied]
     features: list[MapFeatures | None] = [None] * len(grids)
     if not filled:
-        return features
-    voxel_size = working_voxel_size([grids[n] for n in filled], settings)
+        return features, None
+    voxel = working_voxel([grids[n] for n in filled], settings)
     # All features are kept at the same time here, so the estimate is for all maps together.
-    check_register_memory([grids[n] for n in filled], voxel_size)
+    check_register_memory([grids[n] for n in filled], voxel.size)
     stages.announce(f"features of {len(filled)} maps")
     found = spread(
-        partial(features_at, voxel_size=voxel_size, config=settings),
+        partial(features_at, voxel_size=voxel.size, config=settings),
         [grids[n] for n in filled],
     )
     for number, one in zip(filled, found, strict=True):
         features[number] = one
-    return features
+    return features, voxel
 
 
 def _announce_of(stages: Stages, pair: str, name: str) -> None:

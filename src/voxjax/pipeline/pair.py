@@ -25,7 +25,7 @@ from ..registration.paper.register import register_paper
 from ..registration.types import Registration
 from .as_registration import nothing_found, registration_of
 from .config import Config, PoseConfig, config_from
-from .features import features_at, working_voxel_size
+from .features import features_at, working_voxel
 from .hypotheses import first_hypotheses, other_hypotheses
 from .memory_need import check_register_memory
 from .stage_times import Stages
@@ -88,12 +88,12 @@ def register(
         stages.announce("the paper's pipeline")
         found = register_paper(a, b, settings.paper, conflict_weight=settings.evidence.conflict_weight)
         return replace(found, stats=found.stats | _isolated(isolated_a, isolated_b))
-    size = working_voxel_size([a, b], settings)
-    check_register_memory([a, b], size)
+    voxel = working_voxel([a, b], settings)
+    check_register_memory([a, b], voxel.size)
     with stages.stage("features"):
-        features = partial(features_at, voxel_size=size, config=settings)
+        features = partial(features_at, voxel_size=voxel.size, config=settings)
         features_a, features_b = spread(features, (a, b))
-    return register_features(
+    found = register_features(
         features_a,
         features_b,
         config=settings,
@@ -103,6 +103,7 @@ def register(
         on_stage=on_stage,
         seconds=stages.seconds,
     )
+    return voxel.noted(found)
 
 
 def register_features(

@@ -111,6 +111,10 @@ def _pair_report(a: int, b: int, registration: Registration) -> dict[str, Any]:
             {"T_a_b": np.asarray(h.T_a_b).tolist(), "score": h.score, "source": h.source}
             for h in registration.hypotheses
         ],
+        # At what voxel size the maps were compared, and why; None where nothing was.
+        "working_voxel_size": stats.get("voxel_size"),
+        "working_voxel_reason": stats.get("voxel_size_reason"),
+        "num_isolated": [stats.get(f"num_isolated_{name}", 0) for name in "ab"],
         "seconds": stats.get("seconds", {}),
     }
 

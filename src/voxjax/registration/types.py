@@ -76,7 +76,8 @@ class Registration(eqx.Module):
             success is empty, so that it prints as `RESULTS<>`.
         stats: "num_associations", "clique_size", "num_hypotheses", "seconds" ({stage: s}), "free_space" ("observed",
             "inferred" or "unknown", the worse of both maps), "num_isolated_a" and "num_isolated_b" (occupied voxels far
-            away from the rest of their map, which are left aside, `maps/isolated.py`); "num_corners_a" and
+            away from the rest of their map, which are left aside, `maps/isolated.py`), "voxel_size" at which the maps
+            were compared [m] and "voxel_size_reason"; "num_corners_a" and
             "num_corners_b" only where corners were looked for, that is where the first round of hypotheses did not
             decide.
     """
