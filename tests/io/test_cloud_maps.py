@@ -140,7 +140,7 @@ def test_single_precision_far_from_zero_is_refused_and_doubles_are_not(path):
     for size in (None, 0.2):
         with pytest.raises(InputError, match=r"c\.ply cannot be read: its y coordinates .* with doubles"):
             vx.read_map(path, voxel_size=size)
-    write_cloud(path, ROOM + [4.5e5, 0, 0])
+    write_cloud(path, far)
     loaded = load_map(path)
     assert codes(loaded) == ["estimated_voxel_size", "far_frame"]
     assert loaded.grid.num_occupied == pytest.approx(
