@@ -45,10 +45,13 @@ def test_columns_far_apart_keep_their_distance(shape, slab, monkeypatch):
         np.testing.assert_array_equal(found, expected)
 
 
-def test_host_codes_equal_the_definition():
+@pytest.mark.parametrize("share_free", [0.0, 0.3])
+def test_host_codes_equal_the_definition(share_free, monkeypatch):
+    monkeypatch.setattr(nearest_host, "SLAB", 700)
     rng = np.random.default_rng(0)
-    states = rng.integers(0, 3, 5000).astype(np.uint8)
+    states = rng.choice(np.asarray([0, 1, 2], np.uint8), 5000, p=[0.6 - share_free, share_free, 0.4])
     keys = rng.integers(0, 2**32, 5000, dtype=np.uint64).astype(np.uint32)
+    keys[2000:4000] = NOTHING_NEAR
     for hit_sq, clear_sq in ((2, 4), (0, 1), (20, 25)):
         found = evidence_codes_on_host(states, keys, hit_sq, clear_sq, length=6000)
         assert (found[:5000] == np.asarray(evidence_codes(states, keys, hit_sq, clear_sq))).all()

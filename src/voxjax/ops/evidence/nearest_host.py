@@ -143,15 +143,22 @@ def evidence_codes_on_host(
         length: Length of the result; what follows the states is 0 and takes no memory.
     """
     codes = reserve(length, dtype=np.uint8)
+    # The squared distance is what the highest bits of a key hold, so that keys are compared as they are.
+    farthest_hit, nearest_clear = ((hit_sq + 1) << INDEX_BITS) - 1, clear_sq << INDEX_BITS
 
     def fill(start: int) -> None:
         part = slice(start, min(start + SLAB, len(states)))
-        squared = (keys[part] >> np.uint32(INDEX_BITS)).astype(np.uint8)
-        # In bytes: arithmetic on them runs 64 at a time.
-        code = np.where(squared >= np.uint8(clear_sq), CONFLICT, NEUTRAL)
-        code *= states[part] == FREE
-        np.putmask(code, squared <= np.uint8(hit_sq), HIT)
-        codes[part] = code
+        is_hit, is_free = keys[part] <= farthest_hit, states[part] == FREE
+        if is_free.any():
+            # In bytes: arithmetic on them runs 64 at a time.
+            code = np.where(keys[part] >= nearest_clear, CONFLICT, NEUTRAL)
+            code *= is_free
+            np.putmask(code, is_hit, HIT)
+        else:
+            code = is_hit.view(np.uint8) * HIT
+        # Pages on which nothing is known stay as the system gives them.
+        if code.any():
+            codes[part] = code
 
     spread(fill, range(0, len(states), SLAB))
     return codes
