@@ -25,9 +25,8 @@ def test_lists_that_are_no_tree_are_refused(num_children, sentence):
 
 
 def test_levels_know_the_lowest_voxel_of_each_record():
-    has_record = np.zeros((3, 8), bool)
-    has_record[0, [1, 6]] = True
-    (root, root_key), (records, keys) = walk_levels(has_record)
+    child_mask = np.array([1 << 1 | 1 << 6, 0, 0], np.uint8)
+    (root, root_key), (records, keys) = walk_levels(child_mask)
     assert root.tolist() == [0]
     assert root_key.tolist() == [[0, 0, 0]]
     assert records.tolist() == [1, 2]

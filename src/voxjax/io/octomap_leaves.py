@@ -1,5 +1,8 @@
 """Bytes of OctoMap files as the leaves of their trees, for readers of grids and for whoever only counts."""
 
+from functools import cache
+from typing import NamedTuple
+
 import numpy as np
 
 from .._checks import InputError
@@ -34,18 +37,16 @@ def leaves_of_bt(data: bytes, budget: Budget | None = None) -> LeafMap:
         )
     words = np.frombuffer(data, "<u2", offset=header.start)
     # Bytes that were seen for a record; below, those for a leaf and for what is looked at at a time.
-    walk = 60 * len(words)
+    walk = 45 * len(words)
     budget.check(walk, "the tree in the file")
-    codes = _codes_of(words)
-    # Of a word as a number: how many of its codes are of leaves.
-    every = _codes_of(np.arange(1 << 16, dtype=np.uint16))
-    num_leaves = ((every == FREE) | (every == OCCUPIED)).sum(axis=1, dtype=np.uint8)[words]
-    listing = 32 * len(words) + 14 * int(num_leaves.sum(dtype=np.int64)) + 4_000_000
+    tables = _word_tables()
+    num_leaves = tables.num_leaves[words]
+    listing = 24 * len(words) + 14 * int(num_leaves.sum(dtype=np.int64)) + 4_000_000
     budget.check(max(walk, listing), "the tree in the file")
     # Leaves stand in the word of their parent, so that inner nodes alone have records to walk.
-    levels = walk_levels(codes == INNER)
+    levels = walk_levels(tables.inner_mask[words])
     # Every node but the root is one code that is not 0, in the record of its parent.
-    _check_size(header.num_nodes, 1 + int(np.count_nonzero(codes)))
+    _check_size(header.num_nodes, 1 + int(tables.num_children[words].sum(dtype=np.int64)))
     if not words.all():
         raise InputError("an inner node has no children")
     leaves = []
@@ -53,7 +54,7 @@ def leaves_of_bt(data: bytes, budget: Budget | None = None) -> LeafMap:
     for depth, (record, key) in enumerate(levels, start=1):
         if depth > DEPTH:
             raise InputError("the tree is deeper than 16 levels")
-        leaves.append(_leaf_children(codes, num_leaves, record, key, depth))
+        leaves.append(_leaf_children(words, num_leaves, record, key, depth))
     return leaf_map(leaves, header.resolution, has_log_odds=False)
 
 
@@ -82,9 +83,9 @@ def leaves_of_ot(data: bytes, budget: Budget | None = None) -> LeafMap:
     nodes = np.frombuffer(data, node, offset=header.start)
     num_leaves = len(nodes) - int(np.count_nonzero(nodes["children"]))
     # Bytes that were seen for a record, and for a leaf beside its record.
-    budget.check(37 * len(nodes) + 29 * num_leaves, "the tree in the file")
+    budget.check(30 * len(nodes) + 30 * num_leaves, "the tree in the file")
     # Here leaves have records as well, so all records are walked; colours are passed over.
-    levels = walk_levels(np.unpackbits(nodes["children"][:, None], axis=1, bitorder="little").astype(bool))
+    levels = walk_levels(np.ascontiguousarray(nodes["children"]))
     _check_size(header.num_nodes, len(nodes))
     if not np.isfinite(nodes["log_odds"]).all():
         raise InputError("log-odds must be finite, but some are NaN or infinite")
@@ -100,14 +101,38 @@ def _codes_of(words: np.ndarray) -> np.ndarray:
     return (words[:, None] >> np.arange(0, 16, 2, dtype=np.uint16)).astype(np.uint8) & np.uint8(3)
 
 
+class _WordTables(NamedTuple):
+    """What a word of a binary tree says, by its value.
+
+    Attributes:
+        inner_mask: uint8 (65536,): bit c is set where child c has a word of its own.
+        num_leaves: uint8 (65536,): how many children are leaves.
+        num_children: uint8 (65536,): how many children there are.
+    """
+
+    inner_mask: np.ndarray
+    num_leaves: np.ndarray
+    num_children: np.ndarray
+
+
+@cache
+def _word_tables() -> _WordTables:
+    codes = _codes_of(np.arange(1 << 16, dtype=np.uint16))
+    return _WordTables(
+        np.packbits(codes == INNER, axis=1, bitorder="little")[:, 0],
+        ((codes == FREE) | (codes == OCCUPIED)).sum(axis=1, dtype=np.uint8),
+        (codes != 0).sum(axis=1, dtype=np.uint8),
+    )
+
+
 def _leaf_children(
-    codes: np.ndarray, num_leaves: np.ndarray, record: np.ndarray, key: np.ndarray, depth: int
+    words: np.ndarray, num_leaves: np.ndarray, record: np.ndarray, key: np.ndarray, depth: int
 ) -> Leaves:
     """Leaves among the children of some records of a binary tree.
 
     Args:
-        codes: uint8 (n, 8): codes of the children of each record of the file.
-        num_leaves: uint8 (n,): how many of them are leaves.
+        words: uint16 (n,): the records of the file.
+        num_leaves: uint8 (n,): how many of the children of each are leaves.
         record: int64 (m,): the parents.
         key: int32 (m, 3): keys of their lowest voxels.
         depth: Level of the children.
@@ -117,7 +142,7 @@ def _leaf_children(
     keys, values, end = np.empty((count, 3), np.int32), np.empty(count, np.uint8), 0
     # Some records at a time: the places of leaves among all codes take more memory than the leaves.
     for start in range(0, len(record), step):
-        part = codes[record[start : start + step]]
+        part = _codes_of(words[record[start : start + step]])
         row, child = np.nonzero((part == FREE) | (part == OCCUPIED))
         begin, end = end, end + len(row)
         np.add(key[start : start + step][row], offsets[child], out=keys[begin:end])

@@ -58,11 +58,11 @@ def subtree_ends(num_children: np.ndarray) -> np.ndarray:
     return ends[:-1]
 
 
-def walk_levels(has_record: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+def walk_levels(child_mask: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Records and keys of each tree level.
 
     Args:
-        has_record: bool (n, 8): whether child c of a record has a record of its own; pre-order.
+        child_mask: uint8 (n,): bit c is set where child c of a record has a record of its own; pre-order.
 
     Returns:
         For depth 0, 1, ...: record numbers int64 (m,) and keys int32 (m, 3) of their lowest voxels.
@@ -70,18 +70,20 @@ def walk_levels(has_record: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     Raises:
         InputError: As in `subtree_ends`.
     """
-    ends = subtree_ends(has_record.sum(axis=1, dtype=np.int32))
+    num_children = np.unpackbits(np.arange(256, dtype=np.uint8)[:, None], axis=1).sum(axis=1, dtype=np.uint8)
+    ends = subtree_ends(num_children[child_mask])
     record, key = np.zeros(1, np.int64), np.zeros((1, 3), np.int32)
     levels = []
     for depth in range(DEPTH + 1):
         levels.append((record, key))
         # At the last level this is 0: children below it are refused after the loop.
         half = NUM_KEYS >> (depth + 1)
+        mask = child_mask[record]
         # In pre-order the first child follows its parent, and each other child the subtree of the one before.
         following = record + 1
         children, child_keys = [], []
         for c in range(8):
-            has = np.flatnonzero(has_record[record, c])
+            has = np.flatnonzero(mask & np.uint8(1 << c))
             child = following[has]
             children.append(child)
             child_keys.append(key[has] + half * CHILD_OFFSETS[c])
