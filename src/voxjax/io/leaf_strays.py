@@ -28,7 +28,9 @@ def split_leaves(leaves: LeafMap) -> tuple[LeafMap, IsolatedPieces]:
     places, weights = np.empty((ends[-1], 3), np.int32), np.empty(ends[-1])
     for level, start in zip(leaves.levels, ends, strict=False):
         _write_samples(leaves, level, min(side, level.width), places[start:], weights[start:])
-    found = _in_metres(isolated_pieces(places, weights=weights), leaves.resolution)
+    # Points that all stand for one voxel need no weights, and no sorting by them.
+    found = isolated_pieces(places, weights=None if (weights == 1.0).all() else weights)
+    found = _in_metres(found, leaves.resolution)
     if not len(found.distance):
         return leaves, found
     kept = []
