@@ -46,12 +46,16 @@ def frame_row(a: vx.VoxelGrid, b: vx.VoxelGrid) -> dict:
     point = b.occupied_points().mean(axis=0)
     found, expected = (merged.pairs[0][2] for merged in (there, near))
     gap = pose_error(found.T_a_b, from_local(np.asarray(expected.T_a_b), FAR, FAR), point + FAR)
-    both = near.grid is not None and there.grid is not None
+    same = (
+        near.grid is not None
+        and there.grid is not None
+        and np.array_equal(np.asarray(near.grid.states), np.asarray(there.grid.states))
+    )
     return {
         "verdict near": expected.verdict,
         "verdict far": found.verdict,
         "gap [mm]": 1e3 * gap.metres,
-        "same states": both and bool(np.array_equal(near.grid.states, there.grid.states)),
+        "same states": bool(same),
     }
 
 
@@ -98,7 +102,7 @@ def cloud_row(case: Case, pair: MapPair) -> dict:
     ):
         for _ in range(1 if name else 2):
             found = vx.register(pair.a, pair.b, config={"map": settings})
-        judged = case.judge([found.T_a_b], pair.T_a_b, pair.centroid_of_b)
+        judged = case.judge([np.asarray(found.T_a_b)], pair.T_a_b, pair.centroid_of_b)
         mark = "right" if judged["right"] else "wrong"
         row[f"{name}pose"] = f"{mark}, {judged['metres']:.3f} m, {judged['degrees']:.1f} deg"
         if not name:
