@@ -1,8 +1,9 @@
 import pytest
 
 from voxjax import InputError
+from voxjax.io import MAX_VOXELS
 from voxjax.io import budget as module
-from voxjax.io.budget import MAX_VOXELS, Budget
+from voxjax.io.budget import Budget
 
 
 @pytest.fixture(autouse=True)

@@ -6,7 +6,7 @@
 `InputError` of one sentence.
 """
 
-from .budget import MAX_VOXELS as MAX_VOXELS
+from ..ops.resampling.lattice import MAX_VOXELS as MAX_VOXELS
 from .map_files import ENDINGS as ENDINGS
 from .map_files import DescribedMap as DescribedMap
 from .map_files import LoadedMap as LoadedMap

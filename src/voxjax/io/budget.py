@@ -10,9 +10,7 @@ from typing import NamedTuple
 
 from .._checks import InputError
 from .._runtime.memory import GIGABYTE, available_memory, chosen_memory
-
-MAX_VOXELS = (1 << 31) - 1
-"""Largest dense grid that a reader makes unless told otherwise: flat indices fit int32."""
+from ..ops.resampling.lattice import MAX_VOXELS
 
 
 class Budget(NamedTuple):

@@ -179,3 +179,15 @@ def test_absurd_extent_is_refused_before_memory_is_taken():
     far = np.asarray([[0.0, 0.0, 0.0], [5e3, 5e3, 5e3]])
     with pytest.raises(InputError, match=r"1\.25e\+14 voxels"):
         VoxelGrid.from_points(far, voxel_size=0.1)
+
+
+def test_the_box_of_a_cloud_may_have_as_many_voxels_as_can_be_counted(monkeypatch):
+    monkeypatch.setenv("VOXJAX_MEMORY", "1")
+    corners = np.array([[0.05, 0.05, 0.05], [204.75, 102.35, 51.15]])
+    # 2048 x 1024 x 512 voxels are 2**30: memory refuses what the count does not.
+    with pytest.raises(InputError, match=r"needs about 1\.07 GB of memory"):
+        grid_from_points(corners, voxel_size=0.1)
+    with pytest.raises(InputError, match=r"above the limit of 1,073,741,823"):
+        grid_from_points(corners, voxel_size=0.1, sensor_origins=corners)
+    with pytest.raises(InputError, match=r"above the limit of 2,147,483,647"):
+        grid_from_points(2.0 * corners, voxel_size=0.1)

@@ -18,10 +18,7 @@ from ..._runtime.buckets import bucket_size, pad_rows
 from ..._runtime.forks import refused_after_fork
 from ..._runtime.memory import check_memory
 from ..._types import FREE, OCCUPIED, UNKNOWN, Array
-from .lattice import check_places
-
-MAX_VOXELS = 2**30
-"""Largest dense grid that is made from a cloud: 1 GiB of states, and flat indices fit int32."""
+from .lattice import MAX_VOXELS, check_places
 
 _ADVICE = "give a larger voxel_size, or drop points far out (max_range cuts rays)"
 
@@ -187,7 +184,7 @@ def grid_from_points(
     voxel_size: float,
     sensor_origins: object = None,
     max_range: float | None = None,
-    max_voxels: int = MAX_VOXELS,
+    max_voxels: int | None = None,
 ) -> tuple[UInt8[np.ndarray, "x y z"], Float64[np.ndarray, "3"]]:
     """Make the states of a grid from a cloud, its origin on the lattice of multiples of `voxel_size`.
 
@@ -198,7 +195,8 @@ def grid_from_points(
         voxel_size: Edge length of a voxel [m].
         sensor_origins: None, (3,) for all points or (n, 3), one a point [m].
         max_range: Rays longer than this [m] free space up to it and occupy nothing.
-        max_voxels: Largest grid.
+        max_voxels: Largest grid; None for as many voxels as flat indices of int32 can count. Where rays are cast, the
+            kernel pads its grid, and takes half as many.
 
     Returns:
         States uint8 (x, y, z) that just hold the points and sensor origins, and the origin float64 (3,) [m].
@@ -216,7 +214,10 @@ def grid_from_points(
     # Without sensors each point is a ray of no length, so that one box serves both cases.
     starts = cloud if sensor_origins is None else _checked_origins(sensor_origins, len(cloud))
     ends, is_hit = _cut_rays(starts, cloud, max_range)
-    low, shape = _lattice_box(np.concatenate([starts, ends]), voxel_size, max_voxels)
+    most = MAX_VOXELS if sensor_origins is None else MAX_VOXELS // 2
+    low, shape = _lattice_box(
+        np.concatenate([starts, ends]), voxel_size, most if max_voxels is None else min(max_voxels, most)
+    )
     _check_memory(shape, voxel_size, has_rays=sensor_origins is not None)
     # Rays first, points after them: a voxel that holds a point is occupied, whatever else crosses it.
     states = np.full(shape, UNKNOWN, np.uint8)
