@@ -113,7 +113,10 @@ def pack_on_host(states: UInt8[np.ndarray, "x y z"], *, margin: int) -> PackedSt
         slab = states[start : start + step]
         groups = np.zeros((2, *slab.shape[:2], shape[2]), np.uint8)
         for row, state in zip(groups, (OCCUPIED, FREE), strict=True):
-            row[..., front:] = np.packbits(slab == state, axis=-1, bitorder="little")
+            is_state = slab == state
+            # To look takes less time than to pack, and many maps, or parts of them, have no free space.
+            if is_state.any():
+                row[..., front:] = np.packbits(is_state, axis=-1, bitorder="little")
         # Columns in a row: what follows the last group of one are the empty groups of the next.
         occupied, free = groups.reshape(2, len(slab), -1).astype(np.uint32)
         own = np.stack([occupied | free << np.uint32(16)] if num_rows == 1 else [occupied, free])

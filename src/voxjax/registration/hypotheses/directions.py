@@ -29,8 +29,11 @@ def dominant_directions(
     total = float(weights.sum(dtype=np.float64))
     is_free = np.ones(len(normals), dtype=bool)
     seeds = normals[:: max(len(normals) // chosen.min_candidates, 1)]
-    # As numbers: NumPy multiplies truth values element by element.
-    near = (np.abs(seeds @ normals.T) > np.cos(np.radians(chosen.vote_degrees))).astype(np.float32)
+    # As numbers: NumPy multiplies truth values element by element. In place: the table is large, and each new one would
+    # take longer to get from the system than to fill.
+    near = seeds @ normals.T
+    np.abs(near, out=near)
+    np.greater(near, np.cos(np.radians(chosen.vote_degrees)), out=near)
     directions, shares = [], []
     for _ in range(chosen.max_directions):
         if not is_free.any():
