@@ -29,8 +29,8 @@ def dominant_directions(
     total = float(weights.sum(dtype=np.float64))
     is_free = np.ones(len(normals), dtype=bool)
     seeds = normals[:: max(len(normals) // chosen.min_candidates, 1)]
-    # As numbers: NumPy multiplies truth values element by element. In place: the table is large, and each new one would
-    # take longer to get from the system than to fill.
+    # As numbers: NumPy multiplies truth values element by element. In place: further tables
+    # of this size take longer than the product.
     near = seeds @ normals.T
     np.abs(near, out=near)
     np.greater(near, np.cos(np.radians(chosen.vote_degrees)), out=near)
