@@ -10,9 +10,11 @@ import numpy as np
 from bench.kernel_row import KernelRow, Target
 from bench.kernel_rows.checks import check_equal, temporary_bytes
 from bench.kernel_rows.scene import rooms
+from voxjax._runtime.threads import num_cores
 from voxjax._types import OCCUPIED
 from voxjax.ops.window.box import box_count
 from voxjax.ops.window.classes import (
+    classes_in_passes,
     classes_of_counts,
     count_change,
     count_steady_directions,
@@ -32,10 +34,11 @@ def rows(*, quick: bool) -> Iterator[KernelRow]:
 
 
 def _classes(side: int, on_gpu: bool) -> KernelRow:
-    """Count and classes in one pass against a count that is kept and then classified."""
+    """Count and classes at once against a count that is kept and then classified."""
     host = (rooms(side) == OCCUPIED).astype(np.uint8)
     grid = jnp.asarray(host)
-    ours = window_classes.lower(grid, _MIN_CHANGE, size=_SIZE, shift=_SHIFT).compile()
+    ours = functools.partial(window_classes, grid, _MIN_CHANGE, size=_SIZE, shift=_SHIFT)
+    passes = classes_in_passes.lower(grid, _MIN_CHANGE, size=_SIZE, shift=_SHIFT).compile()
     pad = jax.jit(lambda occupied: jnp.pad(occupied, _SHIFT))
     classify = jax.jit(functools.partial(classes_of_counts, shift=_SHIFT))
 
@@ -44,25 +47,32 @@ def _classes(side: int, on_gpu: bool) -> KernelRow:
         return classify(box_count(pad(grid), size=_SIZE), grid, _MIN_CHANGE)
 
     calls: dict[str, Callable[[], object]] = {
-        "one pass": functools.partial(ours, grid, _MIN_CHANGE),
+        "one pass": functools.partial(passes, grid, _MIN_CHANGE),
         "two steps": two_steps,
     }
-    if on_gpu:
-        kernels = functools.partial(window_classes, grid, _MIN_CHANGE, size=_SIZE, shift=_SHIFT)
-        calls["pallas"] = functools.partial(kernels, implementation="pallas")
+    name, temporary = ("pallas", temporary_bytes(passes)) if on_gpu else ("tiles", _bytes_of_tiles(grid))
+    calls[name] = functools.partial(ours, implementation=name)
     check_equal(list(calls.values()))
     calls["steady directions alone"] = functools.partial(count_steady_directions, grid, _MIN_CHANGE)
     return KernelRow(
         name=f"window_classes {_SIZE}, {side}^3",
-        ours="pallas" if on_gpu else "one pass",
+        ours=name,
         candidates=calls,
         count=host.size,
         unit="voxel",
         bytes_moved=2.0 * host.size,
         targets=(Target("two steps", 1.3),),
-        temporary_bytes=temporary_bytes(ours),
+        temporary_bytes=temporary,
         note="two steps: box_count of the padded grid, kept, then its classes",
     )
+
+
+def _bytes_of_tiles(grid: jax.Array) -> int:
+    """Temporary memory of as many tiles as are worked on at once: what each shows and gives, and its kernel's."""
+    side = 64 + 2 * (_SIZE // 2 + _SHIFT)
+    tile = jnp.zeros((side, side, grid.shape[2]), bool)
+    kernel = classes_in_passes.lower(tile, _MIN_CHANGE, size=_SIZE, shift=_SHIFT).compile()
+    return num_cores() * (2 * tile.size + int(temporary_bytes(kernel) or 0))
 
 
 def _change(side: int) -> KernelRow:

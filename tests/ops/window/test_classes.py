@@ -99,3 +99,24 @@ def test_moves_that_would_pad_the_grid_without_end_are_refused(kernel, shift):
     arguments = () if kernel is count_change else (np.int32(20),)
     with pytest.raises(InputError, match="shift must be"):
         kernel(np.zeros((2, 2, 2), bool), *arguments, shift=shift)
+
+
+@pytest.mark.parametrize("shape", [(70, 65, 9), (64, 130, 5), (3, 200, 4)])
+@pytest.mark.parametrize(("size", "shift"), [(7, 4), (3, 1)])
+def test_tiles_give_the_classes_of_one_pass(shape, size, shift):
+    occupied = _random(shape, 0.3)
+    for grid in (occupied, jnp.asarray(occupied, jnp.uint8)):
+        tiles, passes = (
+            window_classes(grid, np.int32(20), size=size, shift=shift, implementation=name)
+            for name in ("tiles", "passes")
+        )
+        assert isinstance(tiles, jax.Array)
+        np.testing.assert_array_equal(np.asarray(tiles), np.asarray(passes))
+
+
+def test_tiles_are_refused_where_they_cannot_run():
+    def traced(grid):
+        return window_classes(grid, np.int32(20), implementation="tiles")
+
+    with pytest.raises(NotImplementedError, match="implementation='passes'"):
+        jax.jit(traced)(_random((4, 4, 4)))

@@ -15,12 +15,14 @@ from jaxtyping import UInt8
 
 from ..._checks import check_choice
 from ..._runtime.forks import refused_after_fork
+from ..._runtime.placement import on_host
 from ..._types import Array
 from .box import MAX_SIZE as MAX_SIZE
 from .box import Occupied as Occupied
 from .box import box_count as box_count
 from .box import check_occupied, check_shift, check_size
 from .box_sums import separable
+from .class_tiles import classes_in_tiles, is_worth_tiles
 
 
 def shift_directions(shift: int) -> np.ndarray:
@@ -101,32 +103,38 @@ def count_steady_directions(
 
 
 @refused_after_fork
-@partial(jax.jit, static_argnames=("size", "shift", "implementation"))
 def window_classes(
-    occupied: Occupied, min_change: Array, *, size: int = 7, shift: int = 4, implementation: str | None = None
+    occupied: Occupied,
+    min_change: Array | np.integer,
+    *,
+    size: int = 7,
+    shift: int = 4,
+    implementation: str | None = None,
 ) -> UInt8[Array, "x y z"]:
-    """Count and classify in one kernel: flat, edge and corner voxels by their steady directions (section III).
+    """Count and classify at once: flat, edge and corner voxels by their steady directions (section III).
 
     Args:
         occupied: True (or not 0) where a voxel is occupied.
         min_change: int32 scalar: percentage from which a change (see `count_change`) is significant.
         size: Window edge [voxel]; odd, 1 to 15.
         shift: Voxels moved along each axis of a direction, 1 to 64.
-        implementation: "passes": whole-array passes, on any device. "pallas": two kernels, on a GPU only; the second
-            reads counts only near occupied voxels. None takes "passes": "pallas" was not yet measured.
+        implementation: "passes": whole-array passes in one kernel, on any device and under JAX's transformations;
+            temporary memory of about 3.3 bytes a voxel. "tiles": the same in tiles (`class_tiles`), on a CPU and
+            outside of transformations alone. "pallas": two kernels, on a GPU only; the second reads counts only near
+            occupied voxels. None takes "tiles" for large grids where they can run, else "passes": "pallas" was not yet
+            measured.
 
     Returns:
-        uint8: 0 not occupied, 1 flat (two steady directions or more), 2 edge (one), 3 corner (none). "passes" holds
-        the counts while it runs, in temporary memory of about 3.3 bytes a voxel; they are no result.
+        uint8: 0 not occupied, 1 flat (two steady directions or more), 2 edge (one), 3 corner (none).
 
     Raises:
         InputError: If `occupied` is no grid, `size` or `shift` out of range, or the implementation unknown.
-        NotImplementedError: If "pallas" is asked for where it cannot run.
+        NotImplementedError: If "tiles" or "pallas" is asked for where it cannot run.
     """
     check_occupied(occupied)
     size, shift = check_size(size), check_shift(shift)
     if implementation is not None:
-        check_choice("implementation", implementation, ("passes", "pallas"))
+        check_choice("implementation", implementation, ("passes", "tiles", "pallas"))
     if 0 in occupied.shape:
         return jnp.zeros(occupied.shape, jnp.uint8)
     if implementation == "pallas":
@@ -134,6 +142,23 @@ def window_classes(
         from .box_pallas import window_classes_pallas
 
         return window_classes_pallas(occupied, min_change, size, shift)
+    can_be_cut = on_host(occupied, min_change)
+    if implementation == "tiles" and not can_be_cut:
+        raise NotImplementedError(
+            "tiles need a CPU, and values that are not traced; take implementation='passes'."
+        )
+    if implementation == "passes" or not (can_be_cut and (implementation or is_worth_tiles(occupied.shape))):
+        return classes_in_passes(occupied, min_change, size=size, shift=shift)
+    classes = partial(classes_in_passes, min_change=min_change, size=size, shift=shift)
+    # A class depends on counts one move away, and these on half a window more.
+    return classes_in_tiles(classes, occupied, reach=size // 2 + shift)
+
+
+@partial(jax.jit, static_argnames=("size", "shift"))
+def classes_in_passes(
+    occupied: Occupied, min_change: Array, *, size: int, shift: int
+) -> UInt8[Array, "x y z"]:
+    """`window_classes` in one kernel, which holds the counts while it runs; they are no result."""
     counts = _counts_with_margin(occupied, size, shift)
     return classes_of_counts(counts, occupied, min_change, shift)
 
