@@ -105,7 +105,7 @@ def count_steady_directions(
 @refused_after_fork
 def window_classes(
     occupied: Occupied,
-    min_change: Array | np.integer,
+    min_change: Array | np.int32,
     *,
     size: int = 7,
     shift: int = 4,
