@@ -25,6 +25,8 @@ def test_the_origin_is_the_outer_corner_and_centres_lie_half_a_voxel_further():
     low, high = grid.extent
     np.testing.assert_array_equal(low, [1, 2, 3])
     np.testing.assert_array_equal(high, [2, 3, 4])
+    low -= 1.0  # a box of one's own, which the map does not follow
+    np.testing.assert_array_equal(grid.origin, [1, 2, 3])
 
 
 @given(st.integers(0, 2**32 - 1))

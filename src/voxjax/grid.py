@@ -128,7 +128,7 @@ class VoxelGrid(eqx.Module):
     @property
     def extent(self) -> tuple[np.ndarray, np.ndarray]:
         """Lowest and highest outer corner [m], each float64 (3,)."""
-        low = np.asarray(self.origin, np.float64)
+        low = np.array(self.origin, np.float64)  # a copy: who changes the corner must not move the map
         return low, low + self.voxel_size * np.asarray(self.shape, np.float64)
 
     def occupied_index(self) -> np.ndarray:

@@ -5,7 +5,13 @@ import pytest
 
 from oracles.motions import moved, pose_of, turned
 from voxjax import InputError
-from voxjax.ops.resampling.lattice import check_num_voxels, moved_bounds, origin_in_voxels, origin_of_cell
+from voxjax.ops.resampling.lattice import (
+    about_middle,
+    check_num_voxels,
+    moved_bounds,
+    origin_in_voxels,
+    origin_of_cell,
+)
 
 SIZE = 0.1
 
@@ -16,6 +22,14 @@ def test_origins_near_the_lattice_lie_on_it_and_others_stay():
     np.testing.assert_allclose(
         origin_in_voxels(np.asarray([0.05, -0.03, 0.3]), SIZE), [0.5, -0.3, 3.0], atol=1e-9
     )
+
+
+@pytest.mark.parametrize("beside", [0.0, 1e-4, 9e-4, 0.03])
+def test_a_local_frame_is_where_the_grid_is_also_just_beside_the_lattice(beside):
+    origin = np.asarray([4e5, 5e6, -0.3]) + beside
+    local, place = about_middle(origin, (5, 8, 1), SIZE)
+    np.testing.assert_allclose(local + place, origin, rtol=0, atol=2e-9)
+    np.testing.assert_array_equal(local, np.asarray([-2, -4, 0]) * SIZE)
 
 
 TILTED, SHIFTED = turned("zyx", (0.7, -0.4, 2.0), (0.33, -1.2, 5.01)), pose_of(translation=(0.3, -0.2, 0.0))

@@ -40,8 +40,9 @@ def about_middle(
         The grid's outer corner in the local frame, and the local frame's zero in that of `origin`, float64 [m].
     """
     middle = np.asarray(shape) // 2
-    # Counted in voxels, the corner has the same digits whatever frame the grid is in.
-    return -middle * voxel_size, (origin_in_voxels(origin, voxel_size) + middle) * voxel_size
+    # Counted in voxels, the corner has the same digits whatever frame the grid is in. The place does not go onto the
+    # lattice from near it: all that is found in the local frame would go with it, by a hundredth of a voxel.
+    return -middle * voxel_size, np.asarray(origin, np.float64) + middle * voxel_size
 
 
 def cell_of_image(
