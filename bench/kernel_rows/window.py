@@ -13,6 +13,7 @@ from bench.kernel_rows.scene import rooms
 from voxjax._runtime.threads import num_cores
 from voxjax._types import OCCUPIED
 from voxjax.ops.window.box import box_count
+from voxjax.ops.window.class_tiles import TILE
 from voxjax.ops.window.classes import (
     classes_in_passes,
     classes_of_counts,
@@ -69,7 +70,7 @@ def _classes(side: int, on_gpu: bool) -> KernelRow:
 
 def _bytes_of_tiles(grid: jax.Array) -> int:
     """Temporary memory of as many tiles as are worked on at once: what each shows and gives, and its kernel's."""
-    side = 64 + 2 * (_SIZE // 2 + _SHIFT)
+    side = TILE + 2 * (_SIZE // 2 + _SHIFT)
     tile = jnp.zeros((side, side, grid.shape[2]), bool)
     kernel = classes_in_passes.lower(tile, _MIN_CHANGE, size=_SIZE, shift=_SHIFT).compile()
     return num_cores() * (2 * tile.size + int(temporary_bytes(kernel) or 0))

@@ -15,6 +15,9 @@ from ..._runtime.placement import to_device
 from ..._runtime.threads import spread
 from ..._types import Array
 
+TILE = 56
+"""Voxels of a tile along x and y: with their counts, tiles of this size fit the cache of a core."""
+
 Classes = Callable[[Array], Array]
 """Classes of a whole grid (x, y, z), which counts voxels outside of it as empty."""
 
@@ -25,7 +28,7 @@ def is_worth_tiles(shape: tuple[int, ...], *, least: int = 1 << 22) -> bool:
 
 
 def classes_in_tiles(
-    classes: Classes, occupied: Array, *, reach: int, tile: int = 64
+    classes: Classes, occupied: Array, *, reach: int, tile: int = TILE
 ) -> UInt8[jax.Array, "x y z"]:
     """The classes that `classes` gives for a grid, tile by tile.
 
