@@ -105,3 +105,15 @@ def test_points_without_a_surface_need_a_voxel_size():
     points = np.random.default_rng(0).random((3, 3))
     with pytest.raises(InputError, match=r"cannot be estimated.*--voxel-size"):
         chosen_spacing(ordered_points(points), points)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("far", [600.0, 1e6, 1e11])
+def test_a_stray_does_not_decide_the_spacing(dtype, far):
+    index = np.floor(room_points(0.1) / 0.15)
+    points = ((np.unique(index, axis=0) + 0.5) * 0.15).astype(dtype)
+    stray = np.array([[far, 0.0, 0.0]], dtype)  # beside the lattice of the others
+    both = np.concatenate([points, stray])
+    found = chosen_spacing(ordered_points(both), both)
+    assert found == chosen_spacing(ordered_points(points), points)
+    assert found.voxel_size == 0.15

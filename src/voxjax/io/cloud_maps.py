@@ -19,12 +19,12 @@ from .clouds import (
     chosen_spacing,
     filled_voxels,
     ordered_points,
-    rounding_of,
+    spacing_of,
     usable_cloud,
 )
 from .crop import check_crop, crop_grid, nothing_within
 from .ply import decode_ply
-from .spacing import Spacing, cloud_spacing
+from .spacing import Spacing
 from .strays import piece_remarks
 
 
@@ -95,7 +95,7 @@ def _voxel_size(
         check_precision(cloud.points, voxel_size, f"voxels of {voxel_size:g} m")
         if not options.looks or ordered is None:
             return voxel_size, None
-        return voxel_size, cloud_spacing(ordered.distinct, rounding_of(cloud.points))
+        return voxel_size, spacing_of(ordered, cloud.points.dtype)
     assert ordered is not None
     spacing = chosen_spacing(ordered, cloud.points)
     return spacing.voxel_size, spacing

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Float64
 
 from .._checks import LARGEST_LENGTH, InputError, as_float64
 from ..maps import findings
+from ..maps.isolated import isolated_pieces
 from .spacing import Spacing, cloud_spacing
 
 
@@ -153,13 +154,28 @@ def check_precision(points: Float[np.ndarray, "n 3"], length: float, what: str) 
     )
 
 
+def spacing_of(ordered: OrderedPoints, dtype: np.dtype) -> Spacing:
+    """How far apart the points of a cloud lie; isolated far pieces have no say in it.
+
+    One stray beside the lattice of all others hides it, and one far out makes rounding look as coarse as it is there.
+
+    Args:
+        ordered: The points.
+        dtype: The type in which they were written.
+    """
+    distinct = ordered.distinct
+    # Before there are voxels, a point is as wide as nothing.
+    main = distinct[isolated_pieces(distinct, voxel_size=0.0).piece < 0]
+    return cloud_spacing(main, rounding_of(main.astype(dtype)))
+
+
 def chosen_spacing(ordered: OrderedPoints, points: Float[np.ndarray, "n 3"]) -> Spacing:
     """How far apart the points lie, for a cloud whose voxel size is to be estimated.
 
     Raises:
         InputError: If that cannot be told, or was lost in rounding.
     """
-    spacing = cloud_spacing(ordered.distinct, rounding_of(points))
+    spacing = spacing_of(ordered, points.dtype)
     if not math.isfinite(spacing.voxel_size):
         raise InputError(
             "the voxel size cannot be estimated, because fewer than half of the points have neighbours on all sides "
