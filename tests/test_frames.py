@@ -289,3 +289,16 @@ def test_under_transformations_a_far_frame_is_refused_by_a_sentence_that_names_t
 
     with pytest.raises(vx.InputError, match=r"give grid\.localized"):
         jax.jit(fused)(jnp.asarray(T, jnp.float32))
+
+
+def test_an_origin_that_jax_has_rounded_is_refused(maps):
+    """Moving a whole map to a device makes its origin float32, and the map half a metre off."""
+    moved = jax.device_put(far(maps[0]))
+    sentence = r"{} with voxels .* JAX has rounded its origin; give JAX grid\.localized\(\)"
+    with pytest.raises(vx.InputError, match=sentence.format(r"grids\[0\]")):
+        vx.fuse([moved], [np.eye(4)])
+    with pytest.raises(vx.InputError, match=sentence.format("b")):
+        vx.register(maps[0], moved)
+    # Near zero nothing is lost.
+    near = jax.device_put(maps[0])
+    assert vx.fuse([near], [np.eye(4)]) == vx.fuse([maps[0]], [np.eye(4)])

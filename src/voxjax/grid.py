@@ -10,7 +10,9 @@ import math
 from typing import TYPE_CHECKING
 
 import equinox as eqx
+import jax
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Float, Int
 
 from ._checks import (
@@ -305,19 +307,26 @@ class VoxelGrid(eqx.Module):
 
 
 def check_grid(name: str, value: object) -> None:
-    """Raise if an argument is no map, such as the name of a file.
+    """Raise if an argument is no map, such as the name of a file, or JAX has lost where it lies.
 
     Raises:
-        InputError: If `value` is no `VoxelGrid`.
+        InputError: If `value` is no `VoxelGrid`, or its origin went through `jax.device_put` or `jax.jit` far from the
+            origin of its frame, where float32 does not tell voxels apart.
     """
     check_type(name, value, VoxelGrid, "read it with vx.read_map")
+    assert isinstance(value, VoxelGrid)
+    # `VoxelGrid` makes origins arrays of the host; JAX replaces them with its own when it moves whole maps.
+    origin = value.origin
+    if isinstance(origin, jax.Array) and not isinstance(origin, Tracer) and origin.dtype != np.float64:
+        advice = "JAX has rounded its origin; give JAX grid.localized()"
+        check_near(name, *value.extent, value.voxel_size, advice)
 
 
 def check_grids(name: str, values: object) -> list[VoxelGrid]:
     """Return maps as a list.
 
     Raises:
-        InputError: If `values` is no list, or one of them is no `VoxelGrid`.
+        InputError: If `values` is no list, or one of them cannot be used, see `check_grid`.
     """
     grids = check_list(name, values, "VoxelGrid maps")
     for number, grid in enumerate(grids):
