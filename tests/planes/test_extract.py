@@ -6,7 +6,7 @@ import pytest
 
 from hand_made_surfaces import SIZE, room_grid
 from oracles import box_room
-from voxjax import VoxelGrid
+from voxjax import InputError, VoxelGrid
 from voxjax.planes.extract import extract_planes
 from voxjax.planes.settings import PlaneConfig
 from voxjax.planes.triples import intersect_planes
@@ -46,3 +46,11 @@ def test_empty_maps_have_no_planes():
     assert len(found.labels) == 0
     assert len(intersect_planes(found, reach=1.0, min_triple_product=0.4).planes) == 0
     assert eqx.tree_equal(found, found)
+
+
+def test_a_map_far_from_its_frame_s_origin_is_refused():
+    """Its surface elements are float32 in the map's frame, where they would lie on a few planes half a metre apart."""
+    far = VoxelGrid(np.full((4, 4, 4), 2, np.uint8), [4e5, 5e6, 0.0], SIZE)
+    with pytest.raises(InputError, match=r"reaches 5e\+06 m .* give grid\.localized\(\)"):
+        extract_planes(far)
+    assert extract_planes(far.localized()[0]).voxel_size == SIZE

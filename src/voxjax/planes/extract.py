@@ -4,7 +4,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float32, Int32
 
-from ..grid import VoxelGrid
+from ..grid import VoxelGrid, check_resolution
 from .chamfers import drop_chamfers
 from .consolidate import drop_narrow, extend_segments, merge_segments, split_segments
 from .fit import Planes, fit_planes
@@ -45,7 +45,11 @@ def extract_planes(grid: VoxelGrid, *, settings: PlaneConfig | None = None) -> P
 
     Returns:
         `PlaneMap`; without any plane where the map has none.
+
+    Raises:
+        InputError: If the map lies so far from the origin of its frame that float32 does not tell its voxels apart.
     """
+    check_resolution(grid)
     chosen = PlaneConfig() if settings is None else settings
     surface = find_surface(grid, size=2 * chosen.window_radius + 1)
     labels = _cores(surface, chosen)
