@@ -29,6 +29,19 @@ def test_seen_by_is_the_chebyshev_distance_of_one_voxel(turn):
     np.testing.assert_array_equal(seen_by([grid], [T], fused)[0], nearest < 0.75)
 
 
+def test_who_saw_what_far_out_takes_rotations_of_six_digits():
+    grid, far = _random_grid(1), np.array([4e5, 5e6, 300.0])
+    T = turned("z", 33.0, (1.0, -0.5, 0.5), degrees=True)
+    T[:3, :3] = np.round(T[:3, :3], 6)
+    moved = T.copy()
+    moved[:3, 3] -= T[:3, :3] @ far  # the same pose for the map far out
+    fused = grid.transformed(T)
+    near = seen_by([grid], [T], fused)
+    assert near.any()
+    seen = seen_by([VoxelGrid(grid.states, grid.origin + far, 0.5)], [moved], fused)
+    np.testing.assert_array_equal(seen, near)
+
+
 def test_maps_that_were_left_out_saw_nothing():
     grid = _random_grid(3)
     assert not seen_by([grid, grid], [None, np.eye(4)], grid)[0].any()

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from .._runtime.memory import check_memory
 from .._types import FREE, OCCUPIED, Array
+from ..frames import image
 from ..maps.main_part import main_part
 from .colors import SHARED_COLOR, color_by_height, map_color, tint_by_height
 from .paint import ceiling_cut, paint_isometric, paint_top
@@ -93,9 +94,11 @@ def seen_by(
     is_seen = np.zeros((len(grids), len(points)), bool)
     for row, grid, pose in zip(is_seen, grids, poses, strict=True):
         if pose is not None:
-            # Rows times R are multiplied by its transpose: from the fused frame back into the map's.
+            # Rows times R are multiplied by its transpose: from the fused frame back into the map's. About the map's
+            # middle, that is right for rotations of a few digits too, however far out the map lies.
+            local, place = grid.localized()
             T = np.asarray(pose, np.float64)
-            row[:] = _is_near_occupied(grid, (points - T[:3, 3]) @ T[:3, :3])
+            row[:] = _is_near_occupied(local, (points - image(T, place)) @ T[:3, :3])
     return is_seen
 
 
