@@ -1,5 +1,7 @@
 """Fusion of grids: places, laws, voxel sizes and refusals."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -66,6 +68,18 @@ def test_shifted_maps_fuse_voxel_by_voxel(rule):
 def test_the_order_of_two_maps_does_not_matter(rule):
     a, b = make_grid(1, with_log_odds=True), make_grid(2, (4, 7, 5), with_log_odds=True)
     assert vx.fuse([a, b], [I, pose()], rule=rule) == vx.fuse([b, a], [pose(), I], rule=rule)
+
+
+@pytest.mark.parametrize("shifts", [(0, 0, 0, 0), (0, 1, -1, 2)])
+def test_the_order_of_many_maps_does_not_matter_to_the_bit(shifts):
+    """Sums of log-odds are rounded as they are ordered; those about zero decide states."""
+    grids = [make_grid(seed, with_log_odds=True) for seed in range(4)]
+    poses = [pose_of(translation=(shift * SIZE, 0, 0)) for shift in shifts]
+    one = vx.fuse(grids, poses, rule="log_odds")
+    for order in itertools.permutations(range(4)):
+        other = vx.fuse([grids[k] for k in order], [poses[k] for k in order], rule="log_odds")
+        np.testing.assert_array_equal(other.log_odds, one.log_odds)
+        np.testing.assert_array_equal(other.states, one.states)
 
 
 @pytest.mark.parametrize("rule", ["paper", "keep"])

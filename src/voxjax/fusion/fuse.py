@@ -1,5 +1,6 @@
 """Fusion of maps whose poses are known: resample all into one lattice, then apply a rule voxel by voxel."""
 
+import zlib
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -103,6 +104,8 @@ def _fuse_nearest(
         for grid, T, bound in zip(grids, matrices, bounds, strict=True)
         if (bound[1] > bound[0]).all()
     ]
+    if rule == "log_odds":  # the only one whose values are rounded
+        sources = _in_one_order(sources)
     states, log_odds = _fuse_chunks(sources, shape, rule)
     return VoxelGrid(states, origin_of_cell(low + zero, voxel_size), voxel_size, log_odds)
 
@@ -272,6 +275,22 @@ def _source(
     x_range = int(bound[0][0] - low[0]), int(bound[1][0] - low[0])
     shape = np.asarray(grid.shape, np.int32)
     return _Source(flat_source(np.asarray(grid.states)), log_odds, shape, affine, x_range)
+
+
+def _in_one_order(sources: list[_Source]) -> list[_Source]:
+    """Maps in an order that follows from what they hold and where, whatever order they were given in.
+
+    A sum of three log-odds or more is rounded as it is ordered, and where it is about zero, the state follows.
+    """
+    if len(sources) < 3:
+        return sources
+
+    def key(source: _Source) -> tuple:
+        values = (source.states, source.log_odds)
+        sums = (0 if each is None else zlib.crc32(np.asarray(each).view(np.uint8).data) for each in values)
+        return source.affine.tobytes(), source.shape.tobytes(), *sums
+
+    return sorted(sources, key=key)
 
 
 def _fuse_chunks(

@@ -1,8 +1,8 @@
 """What a voxel becomes when several maps see it: pure functions over stacked maps, the first axis.
 
-All rules are commutative. "paper" and "keep" are idempotent and associative too (a fused map covers what its
-parts cover), so fusing N maps at once equals fusing them one after another. The log-odds rule adds evidence:
-a map fused with itself becomes surer, on purpose.
+All rules are commutative, that of log-odds up to rounding where there are three maps or more. "paper" and "keep" are
+idempotent and associative too (a fused map covers what its parts cover), so fusing N maps at once equals fusing them
+one after another. The log-odds rule adds evidence: a map fused with itself becomes surer, on purpose.
 """
 
 import jax
@@ -58,7 +58,7 @@ def fuse_log_odds(
 ) -> tuple[UInt8[Array, "*voxels"], Float[Array, "*voxels"]]:
     """Add the log-odds of independent maps, within OctoMap's limits -2.0 and 3.51.
 
-    Commutative and, up to the limits and rounding, associative; not idempotent.
+    Commutative for two maps and, up to the limits and rounding, for more; likewise associative; not idempotent.
 
     Args:
         states: 0 unknown, 1 free, 2 occupied; unknown voxels add nothing.
