@@ -36,17 +36,21 @@ def test_maps_go_to_local_frames_and_poses_come_back(grids):
     np.testing.assert_allclose(image(np.asarray(found[1]), point) - image(T, point), [1.0, 0, 0], atol=1e-5)
 
 
-def test_poses_of_many_maps_come_back_and_held_ones_to_the_bit(grids):
+def test_poses_of_many_maps_come_back_and_those_that_stayed_to_the_bit(grids):
     frames = local_frames(grids, is_wanted=True)
     rng = np.random.default_rng(2)
     start = np.stack([random_pose(rng), random_pose(rng)])
+    start[1, :3, :3] = np.round(start[1, :3, :3], 6)
     world = image(start[0], frames.origins[0])
     local = frames.local_poses(start, world)
     np.testing.assert_allclose(local[0, :3, 3], 0.0, atol=1e-6)
-    own = np.asarray(frames.own_poses(jnp.asarray(local), world, start, np.array([True, False])))
+    is_held, middle = np.array([True, False]), frames.origins[1]
+    np.testing.assert_array_equal(frames.own_poses(jnp.asarray(local), world, start, is_held), start)
+    moved = local + np.array([0, 10], np.float32)[:, None, None] * np.eye(4, k=3, dtype=np.float32)
+    own = np.asarray(frames.own_poses(jnp.asarray(moved), world, start, is_held))
     np.testing.assert_array_equal(own[0], start[0])
-    middle = frames.origins[1]
-    np.testing.assert_allclose(image(own[1], middle), image(start[1], middle), rtol=0, atol=0.5)
+    step = image(own[1], middle) - image(start[1], middle)
+    np.testing.assert_allclose(step, [10.0, 0, 0], rtol=0, atol=0.5)
 
 
 def test_maps_stay_where_something_is_traced_or_somebody_minds(grids):

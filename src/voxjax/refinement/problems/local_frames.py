@@ -63,7 +63,8 @@ class LocalFrames(NamedTuple):
         Args:
             found: Poses in local frames.
             world: Where the local frame of the world begins [m].
-            start: The poses that the maps had: held ones keep them to the bit, which a way there and back would not do.
+            start: The poses that the maps had: those that are held or still there keep them to the bit, which a way
+                there and back would not do.
             is_held: Which maps are held.
         """
         if is_traced(found):  # then no map is in a local frame, and the world alone was shifted
@@ -73,7 +74,8 @@ class LocalFrames(NamedTuple):
         own = [
             from_local(T, world, origin) for T, origin in zip(np.asarray(found), self.origins, strict=True)
         ]
-        return np.where(is_held[:, None, None], start, np.stack(own))
+        is_start = (np.asarray(found) == self.local_poses(start, world)).all(axis=(1, 2))
+        return np.where((is_held | is_start)[:, None, None], start, np.stack(own))
 
 
 def is_traced(value: object) -> bool:
