@@ -10,10 +10,8 @@ import numpy as np
 from bench.kernel_row import KernelRow, Target
 from bench.kernel_rows.checks import check_equal, temporary_bytes
 from bench.kernel_rows.scene import rooms
-from voxjax._runtime.threads import num_cores
 from voxjax._types import OCCUPIED
 from voxjax.ops.window.box import box_count
-from voxjax.ops.window.class_tiles import TILE
 from voxjax.ops.window.classes import (
     classes_in_passes,
     classes_of_counts,
@@ -51,29 +49,21 @@ def _classes(side: int, on_gpu: bool) -> KernelRow:
         "one pass": functools.partial(passes, grid, _MIN_CHANGE),
         "two steps": two_steps,
     }
-    name, temporary = ("pallas", temporary_bytes(passes)) if on_gpu else ("tiles", _bytes_of_tiles(grid))
+    name = "pallas" if on_gpu else "tiles"
     calls[name] = functools.partial(ours, implementation=name)
     check_equal(list(calls.values()))
     calls["steady directions alone"] = functools.partial(count_steady_directions, grid, _MIN_CHANGE)
     return KernelRow(
         name=f"window_classes {_SIZE}, {side}^3",
-        ours=name,
+        ours="pallas" if on_gpu else "one pass",
         candidates=calls,
         count=host.size,
         unit="voxel",
         bytes_moved=2.0 * host.size,
         targets=(Target("two steps", 1.3),),
-        temporary_bytes=temporary,
-        note="two steps: box_count of the padded grid, kept, then its classes",
+        temporary_bytes=temporary_bytes(passes),
+        note="two steps: box_count of the padded grid, kept, then its classes; tiles hold counts of a few tiles alone",
     )
-
-
-def _bytes_of_tiles(grid: jax.Array) -> int:
-    """Temporary memory of as many tiles as are worked on at once: what each shows and gives, and its kernel's."""
-    side = TILE + 2 * (_SIZE // 2 + _SHIFT)
-    tile = jnp.zeros((side, side, grid.shape[2]), bool)
-    kernel = classes_in_passes.lower(tile, _MIN_CHANGE, size=_SIZE, shift=_SHIFT).compile()
-    return num_cores() * (2 * tile.size + int(temporary_bytes(kernel) or 0))
 
 
 def _change(side: int) -> KernelRow:

@@ -30,6 +30,6 @@ def test_each_tile_sees_what_its_voxels_depend_on(shape, reach):
 
 
 def test_small_grids_are_left_whole():
-    assert not is_worth_tiles((128, 128, 128))
-    assert is_worth_tiles((256, 256, 256))
+    assert not is_worth_tiles((256, 256, 256))
+    assert is_worth_tiles((512, 512, 256))
     assert is_worth_tiles((1 << 11, 1 << 11, 1 << 11))

@@ -1,7 +1,7 @@
-"""Classes of a large grid in tiles, side by side on all cores of a CPU: the counts of a tile stay in a core's cache.
+"""Classes of a very large grid in tiles, side by side on all cores of a CPU: only the counts of a few tiles are held.
 
-A kernel on the whole grid holds counts of every voxel, in memory that the system hands out anew at each call. Tiles
-take as much as a few of them need, and give the same classes: each sees all voxels that its windows reach.
+A kernel on the whole grid holds counts of every voxel. Tiles take as much memory as a few of them need, in about the
+same time, and give the same classes: each sees all voxels that its windows reach.
 """
 
 from collections.abc import Callable
@@ -15,15 +15,15 @@ from ..._runtime.placement import to_device
 from ..._runtime.threads import spread
 from ..._types import Array
 
-TILE = 56
-"""Voxels of a tile along x and y: with their counts, tiles of this size fit the cache of a core."""
+TILE = 64
+"""Voxels of a tile along x and y: what neighbours show twice grows with smaller tiles, the memory with larger ones."""
 
 Classes = Callable[[Array], Array]
 """Classes of a whole grid (x, y, z), which counts voxels outside of it as empty."""
 
 
-def is_worth_tiles(shape: tuple[int, ...], *, least: int = 1 << 22) -> bool:
-    """Whether a grid is so large that tiles cost less than they save."""
+def is_worth_tiles(shape: tuple[int, ...], *, least: int = 1 << 26) -> bool:
+    """Whether a grid is so large that the memory of one kernel is worth saving: hundreds of megabytes of counts."""
     return int(np.prod(shape, dtype=np.int64)) >= least
 
 
