@@ -29,6 +29,11 @@ def on_host(*arrays: object) -> bool:
     return backend() == "cpu" and not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arrays))
 
 
+def is_traced(value: object) -> bool:
+    """Whether a value is known only once the program runs: under jit, grad, vmap."""
+    return isinstance(value, Tracer)
+
+
 def are_numpy(*arrays: object) -> bool:
     """Whether all leaves of some trees are NumPy arrays, whose length may be padded before a kernel sees it."""
     return all(isinstance(leaf, np.ndarray) for leaf in jax.tree.leaves(arrays))

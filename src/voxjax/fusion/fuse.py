@@ -11,6 +11,7 @@ import numpy as np
 from .._checks import InputError, check_choice, check_list, check_pose, check_voxel_size
 from .._runtime.forks import refused_after_fork
 from .._runtime.memory import check_memory
+from .._runtime.placement import is_traced
 from ..frames import check_near, snapped, to_local
 from ..grid import VoxelGrid, check_grid, check_grids
 from ..ops.resampling.lattice import (
@@ -22,7 +23,7 @@ from ..ops.resampling.lattice import (
 )
 from ..ops.resampling.rigid import chunk_size, flat_source, lookup_chunk, source_from_target, take_flat
 from .rules import RULES, fuse_keep, fuse_log_odds, fuse_paper, log_odds_of_states
-from .soft import Lattice, check_soft_pose, fuse_soft, is_traced, soft_fuse_memory
+from .soft import Lattice, check_soft_pose, fuse_soft, soft_fuse_memory
 
 _ADVICE = "check the poses, leave out far maps, or give a larger voxel_size"
 

@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Float
 
 from .._checks import InputError, check_pose
+from .._runtime.placement import is_traced
 from .._types import FREE, OCCUPIED, UNKNOWN, Array
 from ..grid import VoxelGrid
 from ..ops.resampling.interpolate import backward_affine, resample_nearest, resample_trilinear
@@ -84,11 +84,6 @@ def soft_fuse_memory(num_fused: int, num_voxels: Sequence[int], *, fixed: float 
         fixed: What any fusion takes: compiled kernels [byte].
     """
     return fixed + 16.0 * num_fused + 9.0 * sum(num_voxels)
-
-
-def is_traced(value: object) -> bool:
-    """Whether a value is known only once the program runs: under jit, grad, vmap."""
-    return isinstance(value, Tracer)
 
 
 def check_soft_pose(name: str, T: Any) -> Array:

@@ -8,13 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._runtime.forks import refused_after_fork
+from .._runtime.placement import is_traced
 from .._types import Array
 from ..frames import to_local
 from ..grid import VoxelGrid
 from ..maps.prepared import PreparedMap
 from .outcome import Refinement, how_it_ended, unrefined_pose
 from .problems.coarse_to_fine import better, checked_distances, coarse_levels, scales_in_reach
-from .problems.local_frames import is_traced, local_frames
+from .problems.local_frames import local_frames
 from .problems.many_starts import solve_starts, spread_solves
 from .problems.pair import check_options, checked_residuals, pose_problem
 from .problems.starts import checked_start, lead_pose

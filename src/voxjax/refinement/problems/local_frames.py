@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Bool, Float, Float32
 
+from ..._runtime.placement import is_traced
 from ..._types import Array
 from ...frames import from_local, to_local
 from ...grid import VoxelGrid
@@ -76,11 +76,6 @@ class LocalFrames(NamedTuple):
         ]
         is_start = (np.asarray(found) == self.local_poses(start, world)).all(axis=(1, 2))
         return np.where((is_held | is_start)[:, None, None], start, np.stack(own))
-
-
-def is_traced(value: object) -> bool:
-    """Whether a value is known only once the program runs: under jit, grad, vmap."""
-    return isinstance(value, Tracer)
 
 
 def local_frames(grids: Mapping[str, VoxelGrid | PreparedMap], *, is_wanted: bool) -> LocalFrames:
