@@ -1,13 +1,9 @@
 """Isolated far pieces of a dense map: found, remarked, and left out on request."""
 
-import numpy as np
-from jaxtyping import Int
-
-from .._types import UNKNOWN
 from ..grid import VoxelGrid
 from ..maps.findings import Remark, isolated_remark, units_remark
 from ..maps.isolated import IsolatedPieces, isolated_pieces
-from .crop import crop_grid
+from ..maps.main_part import without_pieces
 
 
 def without_strays(grid: VoxelGrid, *, is_dropped: bool) -> tuple[VoxelGrid, list[Remark]]:
@@ -26,9 +22,11 @@ def without_strays(grid: VoxelGrid, *, is_dropped: bool) -> tuple[VoxelGrid, lis
     index = grid.occupied_index()
     if not len(index):
         return grid, []
-    pieces = isolated_pieces(grid.world_from_index(index), voxel_size=grid.voxel_size)
-    kept = _without(grid, index, pieces) if is_dropped and len(pieces.distance) else grid
-    return kept, piece_remarks(pieces, grid.voxel_size, is_dropped=is_dropped)
+    pieces = isolated_pieces(index)
+    kept = without_pieces(grid, index, pieces) if is_dropped and len(pieces.distance) else grid
+    size = grid.voxel_size
+    pieces = pieces._replace(distance=pieces.distance * size, sides=pieces.sides * size, voxel_size=size)
+    return kept, piece_remarks(pieces, size, is_dropped=is_dropped)
 
 
 def piece_remarks(pieces: IsolatedPieces, spacing: float, *, is_dropped: bool) -> list[Remark]:
@@ -41,15 +39,3 @@ def piece_remarks(pieces: IsolatedPieces, spacing: float, *, is_dropped: bool) -
     """
     remarks = [isolated_remark(pieces, is_dropped=is_dropped), units_remark(spacing, pieces.sides)]
     return [remark for remark in remarks if remark is not None]
-
-
-def _without(grid: VoxelGrid, index: Int[np.ndarray, "n 3"], pieces: IsolatedPieces) -> VoxelGrid:
-    """The map without its isolated pieces, and without the free space that was seen on the way to them."""
-    states = np.array(grid.states)
-    states[tuple(index[pieces.piece >= 0].T)] = UNKNOWN
-    log_odds = None
-    if grid.log_odds is not None:
-        log_odds = np.where(states == UNKNOWN, np.float32(0.0), np.asarray(grid.log_odds))
-    return crop_grid(
-        VoxelGrid(states, grid.origin, grid.voxel_size, log_odds), np.stack([pieces.low, pieces.high])
-    )

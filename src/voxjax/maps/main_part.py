@@ -5,10 +5,11 @@ nothing and decides nothing.
 """
 
 import numpy as np
+from jaxtyping import Int
 
 from .._types import UNKNOWN
 from ..grid import VoxelGrid
-from .isolated import isolated_pieces
+from .isolated import IsolatedPieces, isolated_pieces
 
 
 def main_part(grid: VoxelGrid) -> tuple[VoxelGrid, int]:
@@ -19,23 +20,39 @@ def main_part(grid: VoxelGrid) -> tuple[VoxelGrid, int]:
 
     Returns:
         The map itself where no piece is isolated; else the part of it in the box around what is not, wider by its
-        diagonal on each side, without the pieces; log-odds are left out. And how many voxels were left out.
+        diagonal on each side, without the pieces. And how many occupied voxels were left out.
 
     Raises:
         InputError: If there is not enough memory for the list of occupied voxels.
     """
     index = grid.occupied_index()
     pieces = isolated_pieces(index)
-    is_isolated = pieces.piece >= 0
-    if not is_isolated.any():
+    if not len(pieces.distance):
         return grid, 0
-    # Free space beyond that box was seen by rays to the pieces.
-    low = np.maximum(np.ceil(pieces.low), 0).astype(np.int64)
-    high = np.minimum(np.floor(pieces.high) + 1, grid.shape).astype(np.int64)
-    states = np.array(np.asarray(grid.states)[tuple(map(slice, low.tolist(), high.tolist()))])
+    return without_pieces(grid, index, pieces), int(pieces.num_voxels.sum())
+
+
+def without_pieces(grid: VoxelGrid, index: Int[np.ndarray, "n 3"], pieces: IsolatedPieces) -> VoxelGrid:
+    """A map without its isolated pieces, and without the free space that was seen on the way to them.
+
+    Args:
+        grid: The map.
+        index: Its `occupied_index`.
+        pieces: What `isolated_pieces` gives for these indices, at least one piece.
+    """
+    # Centres this near to a face of the box [voxel] lie on it.
+    tie = 1e-4
+    low, high = (
+        np.clip(np.ceil(corner - tie), 0, grid.shape).astype(np.int64) for corner in (pieces.low, pieces.high)
+    )
+    window = tuple(map(slice, low.tolist(), high.tolist()))
+    states = np.array(np.asarray(grid.states)[window])
     # A piece may still lie in a corner of the box.
-    inside = index[is_isolated] - low
+    inside = index[pieces.piece >= 0] - low
     inside = inside[((inside >= 0) & (inside < states.shape)).all(axis=1)]
     states[tuple(inside.T)] = UNKNOWN
+    log_odds = None
+    if grid.log_odds is not None:
+        log_odds = np.where(states == UNKNOWN, np.float32(0.0), np.asarray(grid.log_odds)[window])
     origin = np.asarray(grid.origin, np.float64) + low * grid.voxel_size
-    return VoxelGrid(states, origin, grid.voxel_size).crop_to_known(), int(np.count_nonzero(is_isolated))
+    return VoxelGrid(states, origin, grid.voxel_size, log_odds).crop_to_known()
