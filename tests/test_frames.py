@@ -9,7 +9,7 @@ import voxjax as vx
 from oracles.motions import random_pose
 from small_worlds import draw_map, pose
 from voxjax import rigid
-from voxjax.frames import check_near, from_local, snapped, to_local
+from voxjax.frames import check_near, float32_tells, from_local, snapped, to_local
 from voxjax.fusion.rules import log_odds_of_states
 from voxjax.refinement.residuals.known import CornerPairs
 
@@ -302,3 +302,16 @@ def test_an_origin_that_jax_has_rounded_is_refused(maps):
     # Near zero nothing is lost.
     near = jax.device_put(maps[0])
     assert vx.fuse([near], [np.eye(4)]) == vx.fuse([maps[0]], [np.eye(4)])
+
+
+def test_float32_tells_places_apart_as_far_as_a_hundredth_of_a_voxel():
+    rng = np.random.default_rng(0)
+    for farthest in (10.0, 5e3, 3e4, 5e6):
+        places = rng.uniform(0.5 * farthest, farthest, 4000)
+        error = np.abs(places.astype(np.float32).astype(np.float64) - places).max()
+        for voxel_size in (1e-3, 0.05, 0.4, 20.0):
+            if float32_tells(farthest, voxel_size):
+                assert error <= voxel_size / 100
+            else:
+                assert error > voxel_size / 500
+    assert not float32_tells(np.nan, 1.0)

@@ -69,6 +69,18 @@ def snapped(T: Float[np.ndarray, "4 4"], voxel_size: float) -> Float[np.ndarray,
     return result
 
 
+def float32_step(farthest: float) -> float:
+    """Distance of neighbouring numbers of float32 so far from zero [m]; infinite for NaN."""
+    # Beyond what float32 holds there is no step either; 1e30 m is larger than any that matters.
+    return float(np.spacing(np.float32(min(farthest, 1e30)))) if farthest == farthest else np.inf
+
+
+def float32_tells(farthest: float, voxel_size: float) -> bool:
+    """Whether float32 moves no place up to so far from zero [m] by more than a hundredth of a voxel."""
+    # A place is rounded by half of a step at most.
+    return float32_step(farthest) <= voxel_size / 50.0
+
+
 def check_near(
     what: str, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"], voxel_size: float, advice: str
 ) -> None:
@@ -85,12 +97,10 @@ def check_near(
         InputError: If the box lies too far from the origin of its frame.
     """
     farthest = float(np.abs([low, high]).max())
-    # NaN is not, too. A place is rounded by half of the step at most.
-    step = float(np.spacing(np.float32(min(farthest, 1e30)))) if farthest == farthest else np.inf
-    if not step <= voxel_size / 50.0:
+    if not float32_tells(farthest, voxel_size):
         middle = (np.asarray(low, np.float64) + high) / 2.0
         raise InputError(
             f"{what} with voxels of {voxel_size:g} m reaches {farthest:.4g} m from the origin of its frame, where "
-            f"float32 has steps of {step:.2g} m; {advice}, with the local origin "
+            f"float32 has steps of {float32_step(farthest):.2g} m; {advice}, with the local origin "
             f"{np.round(middle).tolist()}, and poses between such frames (vx.frames.to_local)."
         )

@@ -9,6 +9,7 @@ import numpy as np
 
 from .._checks import InputError, shown
 from .._runtime.memory import check_memory
+from ..frames import float32_tells
 from ..grid import VoxelGrid
 from .budget import Budget
 from .text_header import header_lines, whole_number
@@ -88,8 +89,7 @@ def encode_ply(grid: VoxelGrid) -> bytes:
     # Places in float64 and as they are written, and the bytes of the file: 72 bytes for a point far out.
     check_memory(75.0 * grid.num_occupied, "the cloud", "write the map as .npz", on_device=False)
     points = grid.occupied_points()
-    farthest = np.float32(np.abs(points).max(initial=0.0))
-    is_far = bool(np.spacing(farthest) > grid.voxel_size / 50.0)
+    is_far = not float32_tells(float(np.abs(points).max(initial=0.0)), grid.voxel_size)
     points = points.astype("<f8" if is_far else "<f4")
     kind = "double" if is_far else "float"
     lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]

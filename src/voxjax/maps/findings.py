@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Real
 
+from ..frames import float32_step, float32_tells
 from .isolated import IsolatedPieces
 
 FOOT = 0.3048
@@ -174,9 +175,10 @@ def far_frame_remark(
         voxel_size: Edge length of a voxel [m].
     """
     corners = np.stack([low, high]).astype(np.float64)
-    step = float(np.spacing(np.float32(np.abs(corners).max())))
-    if step <= voxel_size / 100.0:
+    farthest = float(np.abs(corners).max())
+    if float32_tells(farthest, voxel_size):
         return None
+    step = float32_step(farthest)
     distance = float(np.linalg.norm(corners.mean(axis=0)))
     return Remark(
         "far_frame",
