@@ -1,7 +1,8 @@
 """`VoxelGrid`: states of voxels and where they lie.
 
 Axis order is x, y, z everywhere. Voxel (i, j, k) fills `origin + voxel_size * [i, i + 1)` along each axis
-and its centre lies half a voxel further. States live on the host until a kernel takes them.
+and its centre lies half a voxel further. States live on the host until a kernel takes them: as the dense array
+that they were given as, or in blocks (`ops.blocks.block_array`), whose box may be of any size.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ from ._grid_arrays import as_float32, as_origin, as_states, check_log_odds, chec
 from ._runtime.memory import check_memory
 from ._types import FREE, OCCUPIED, UNKNOWN, Array
 from .frames import STEPS_PER_VOXEL, check_near
+from .ops.blocks.block_array import BlockArray, Corner, blocks_of
+from .ops.blocks.windows import cut_out
 from .ops.resampling.lattice import about_middle, origin_in_voxels
 from .ops.resampling.raycast import grid_from_points
 from .ops.resampling.rescale import rescale_states
@@ -39,42 +42,43 @@ if TYPE_CHECKING:
 
 
 class VoxelGrid(eqx.Module):
-    """A map: a dense block of voxels that are unknown, free or occupied.
+    """A map: a box of voxels that are unknown, free or occupied.
 
     Attributes:
-        states: uint8 (x, y, z): 0 unknown, 1 free, 2 occupied.
         origin: float64 (3,) [m] on the host: the outer corner of voxel (0, 0, 0). JAX's transformations take it as
             float32, unless they are told to keep float64: give them `localized` maps.
-        log_odds: float32 (x, y, z), or None where the source had no probabilities.
         voxel_size: Edge length of a voxel [m]; static under `jax.jit`.
     """
 
-    states: UInt8[Array, "x y z"]
+    _states: UInt8[Array, "x y z"] | BlockArray
     origin: Float[Array, "3"]
-    log_odds: Float32[Array, "x y z"] | None
+    _log_odds: Float32[Array, "x y z"] | BlockArray | None
     voxel_size: float = eqx.field(static=True)
 
     def __init__(self, states: object, origin: object, voxel_size: float, log_odds: object = None):
-        """Check and convert; arrays of the right dtype are kept as they are, on host or device.
+        """Check and convert; arrays of the right dtype are kept as they are, on host or device, and so are blocks.
 
         What JAX traces is checked for its shape alone: its values are not known yet.
         """
-        self.states = as_states(states)
+        self._states = states if isinstance(states, BlockArray) else as_states(states)
         self.origin = as_origin(origin)
-        self.log_odds = None if log_odds is None else as_float32("log_odds", log_odds)
+        self._log_odds = None
+        if log_odds is not None:
+            kept = isinstance(log_odds, BlockArray)
+            self._log_odds = log_odds if kept else as_float32("log_odds", log_odds)
         self.voxel_size = check_voxel_size(voxel_size)
-        check_three_axes("states", self.states.shape)
+        check_three_axes("states", self._states.shape)
         if self.origin.shape != (3,):
             raise InputError(f"origin must have shape (3,), got {self.origin.shape}.")
-        if self.log_odds is not None and self.log_odds.shape != self.states.shape:
+        if self._log_odds is not None and self._log_odds.shape != self.shape:
             raise InputError(
-                f"log_odds must have the shape of states {self.states.shape}, got {self.log_odds.shape}."
+                f"log_odds must have the shape of states {self.shape}, got {self._log_odds.shape}."
             )
         # Values come after shapes: they take a pass over the whole map.
-        check_states(self.states)
-        check_origin(self.origin, self.states.shape, self.voxel_size)
-        if self.log_odds is not None:
-            check_log_odds(self.log_odds)
+        check_states(_values(self._states))
+        check_origin(self.origin, self.shape, self.voxel_size)
+        if self._log_odds is not None:
+            check_log_odds(_values(self._log_odds))
 
     @classmethod
     def from_points(
@@ -107,9 +111,59 @@ class VoxelGrid(eqx.Module):
         return cls(states, origin, voxel_size)
 
     @property
+    def states(self) -> UInt8[Array, "x y z"]:
+        """States uint8 (x, y, z): 0 unknown, 1 free, 2 occupied; a dense array, made at each call of a map in blocks.
+
+        Raises:
+            InputError: If the map is kept in blocks, and there is not enough memory for the box.
+        """
+        return self._states.dense() if isinstance(self._states, BlockArray) else self._states
+
+    @property
+    def log_odds(self) -> Float32[Array, "x y z"] | None:
+        """Log-odds float32 (x, y, z) like `states`, or None where the source had no probabilities.
+
+        Raises:
+            InputError: As from `states`.
+        """
+        return self._log_odds.dense() if isinstance(self._log_odds, BlockArray) else self._log_odds
+
+    @property
+    def is_sparse(self) -> bool:
+        """Whether the map is kept in blocks: `states` and `log_odds` are then made when they are asked for."""
+        return isinstance(self._states, BlockArray)
+
+    def state_blocks(self) -> BlockArray:
+        """The states in blocks; those of a dense map are made at each call."""
+        return self._states if isinstance(self._states, BlockArray) else blocks_of(np.asarray(self._states))
+
+    def log_odds_blocks(self) -> BlockArray | None:
+        """The log-odds in blocks, or None; those of a dense map are made at each call."""
+        if self._log_odds is None or isinstance(self._log_odds, BlockArray):
+            return self._log_odds
+        return blocks_of(np.asarray(self._log_odds))
+
+    def states_in(self, low: Corner, high: Corner) -> UInt8[np.ndarray, "x y z"]:
+        """States of a window of the box, dense: from voxel `low` up to and without `high`, both inside the box."""
+        if isinstance(self._states, BlockArray):
+            return self._states.window(low, high)
+        return np.asarray(self._states)[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
+
+    def states_at(self, index: Int[np.ndarray, "n 3"]) -> UInt8[np.ndarray, " n"]:
+        """States of voxels inside the box."""
+        if isinstance(self._states, BlockArray):
+            return self._states.take(index)
+        return np.asarray(self._states)[tuple(index.T)]
+
+    @property
     def shape(self) -> tuple[int, int, int]:
         """Number of voxels along x, y, z."""
-        return self.states.shape  # pyright: ignore[reportReturnType]
+        return self._states.shape  # pyright: ignore[reportReturnType]
+
+    @property
+    def num_voxels(self) -> int:
+        """Number of voxels of the box, known or not."""
+        return math.prod(self.shape)
 
     @property
     def num_occupied(self) -> int:
@@ -122,8 +176,10 @@ class VoxelGrid(eqx.Module):
         return self._count(FREE)
 
     def _count(self, state: np.uint8) -> int:
+        if isinstance(self._states, BlockArray):
+            return self._states.count(state)
         # In pieces that stay in the cache, without an array of truth values as large as the map.
-        flat, piece = np.asarray(self.states).reshape(-1), 1 << 18
+        flat, piece = np.asarray(self._states).reshape(-1), 1 << 18
         starts = range(0, flat.size, piece)
         return sum(int(np.count_nonzero(flat[start : start + piece] == state)) for start in starts)
 
@@ -139,7 +195,9 @@ class VoxelGrid(eqx.Module):
         Raises:
             InputError: If there is not enough memory for the list, which may be many times as large as a file was.
         """
-        states, count = np.asarray(self.states), self.num_occupied
+        if isinstance(self._states, BlockArray):
+            return self._states.where(OCCUPIED)
+        states, count = np.asarray(self._states), self.num_occupied
         if count > 1 << 22:  # a short list is not worth the milliseconds of asking
             advice = "crop the map, or take a larger voxel size"
             check_memory(12.0 * count, f"the list of {count:,} occupied voxels", advice, on_device=False)
@@ -194,24 +252,39 @@ class VoxelGrid(eqx.Module):
             InputError: If `margin` is no whole number, 0 or more.
         """
         margin = check_count("margin", margin)
-        # An empty grid is taken for one that knows nothing.
-        states = np.asarray(self.states) if all(self.shape) else np.zeros((1, 1, 1), np.uint8)
+        if not all(self.shape):  # an empty grid is taken for one that knows nothing
+            return VoxelGrid(np.zeros((1, 1, 1), np.uint8), self.origin, self.voxel_size)
+        low, high = self.known_box()
+        if (low == high).all():
+            return self.cut(low, low + 1)
+        return self.cut(np.maximum(low - margin, 0), np.minimum(high + margin, self.shape))
+
+    def known_box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest free or occupied voxel and one past the highest, int64 (3,) each; both 0 where nothing is known."""
+        if isinstance(self._states, BlockArray):
+            return self._states.known_box()
+        states = np.asarray(self._states)
+        low, high = np.zeros(3, np.int64), np.zeros(3, np.int64)
+        if not states.size:
+            return low, high
         # Unknown is the least state, and the greatest along an axis takes no list of truth values as large as the map.
         over_x = states.max(axis=0)
-        lows, highs = [], []
         for axis, known in enumerate((states.max(axis=(1, 2)), over_x.max(axis=1), over_x.max(axis=0))):
             hit = np.flatnonzero(known != UNKNOWN)
-            lows.append(max(int(hit[0]) - margin, 0) if hit.size else 0)
-            highs.append(min(int(hit[-1]) + 1 + margin, self.shape[axis]) if hit.size else 1)
-        window = tuple(slice(low, high) for low, high in zip(lows, highs, strict=True))
-        origin = np.asarray(self.origin, np.float64) + np.asarray(lows, np.float64) * self.voxel_size
-        log_odds = None if self.log_odds is None else np.asarray(self.log_odds)[window]
-        return VoxelGrid(
-            states[window],
-            origin,
-            self.voxel_size,
-            log_odds if all(self.shape) else None,
-        )
+            low[axis], high[axis] = (hit[0], hit[-1] + 1) if hit.size else (0, 0)
+        return low, high
+
+    def cut(self, low: Int[np.ndarray, "3"], high: Int[np.ndarray, "3"]) -> VoxelGrid:
+        """The part from voxel `low` up to and without `high`, both inside the box; of a dense map a view of it."""
+
+        def part(values: Array | BlockArray) -> Array | BlockArray:
+            if isinstance(values, BlockArray):
+                return cut_out(values, low, high)
+            return np.asarray(values)[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
+
+        origin = np.asarray(self.origin, np.float64) + np.asarray(low, np.float64) * self.voxel_size
+        log_odds = None if self._log_odds is None else part(self._log_odds)
+        return VoxelGrid(part(self._states), origin, self.voxel_size, log_odds)
 
     def localized(self) -> tuple[VoxelGrid, np.ndarray]:
         """This map in a local frame, for whatever computes in float32.
@@ -272,14 +345,11 @@ class VoxelGrid(eqx.Module):
         """
         if self.shape != other.shape or self.voxel_size != other.voxel_size:
             return False
-        same_log_odds = (self.log_odds is None) == (other.log_odds is None) and (
-            self.log_odds is None or np.array_equal(np.asarray(self.log_odds), np.asarray(other.log_odds))
-        )
         apart = np.abs(np.asarray(self.origin, np.float64) - np.asarray(other.origin, np.float64))
         return bool(
-            same_log_odds
-            and (apart * STEPS_PER_VOXEL < self.voxel_size).all()
-            and np.array_equal(np.asarray(self.states), np.asarray(other.states))
+            (apart * STEPS_PER_VOXEL < self.voxel_size).all()
+            and _same(self._log_odds, other._log_odds)
+            and _same(self._states, other._states)
         )
 
     def __eq__(self, other: object) -> bool:
@@ -292,18 +362,34 @@ class VoxelGrid(eqx.Module):
     def __repr__(self) -> str:
         """One line: shape, voxel size, extent and the share of each state."""
         # Under a transformation of JAX there are no values to count.
-        if not isinstance(self.states, np.ndarray) and not hasattr(self.states, "__array__"):
-            return f"VoxelGrid(states={self.states}, voxel_size={self.voxel_size})"
+        values = _values(self._states)
+        if not isinstance(values, np.ndarray) and not hasattr(values, "__array__"):
+            return f"VoxelGrid(states={values}, voxel_size={self.voxel_size})"
         low, high = self.extent
-        total = max(int(np.prod(self.shape)), 1)
+        total = max(self.num_voxels, 1)
         shares = ", ".join(
             f"{count:,} {name} ({100 * count / total:.1f} %)"
             for count, name in ((self.num_occupied, "occupied"), (self.num_free, "free"))
         )
         size = " x ".join(map(str, self.shape))
         box = " ".join(f"{axis} {a:.2f}..{b:.2f}" for axis, a, b in zip("xyz", low, high, strict=True))
-        odds = ", with log-odds" if self.log_odds is not None else ""
+        odds = ", with log-odds" if self._log_odds is not None else ""
         return f"VoxelGrid({size} voxels of {self.voxel_size:g} m, {box} m, {shares}{odds})"
+
+
+def _values(kept: Array | BlockArray) -> Array:
+    """All values that there are, each once at least."""
+    return kept.pool if isinstance(kept, BlockArray) else kept
+
+
+def _same(one: Array | BlockArray | None, other: Array | BlockArray | None) -> bool:
+    """Whether two arrays of one shape hold the same values, dense or in blocks."""
+    if one is None or other is None:
+        return one is other
+    if isinstance(one, BlockArray) or isinstance(other, BlockArray):
+        first, second = (v if isinstance(v, BlockArray) else blocks_of(np.asarray(v)) for v in (one, other))
+        return first.equals(second)
+    return np.array_equal(np.asarray(one), np.asarray(other))
 
 
 def check_grid(name: str, value: object) -> None:

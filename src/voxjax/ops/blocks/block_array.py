@@ -1,0 +1,331 @@
+"""`BlockArray`: an array over a box of voxels, kept as blocks of 8 x 8 x 8; memory follows what differs, not the box.
+
+A table says for each block of the box which row of a pool it is. Blocks that hold one value alone share a row, so that
+free space and the unknown cost a table entry each, whatever volume they fill. A table is memory of the operating
+system's that was never written where all is 0, so that it costs nothing there.
+"""
+
+from collections.abc import Iterator
+from functools import cached_property
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Int, Int32, Shaped
+
+from ..._checks import InputError
+from ..._runtime.memory import check_memory
+from ..._runtime.tables import reserve
+from ..._runtime.threads import spread
+from ..._types import Array
+from .words import BLOCK
+
+BLOCK_VOXELS = BLOCK**3
+Shape = tuple[int, int, int]
+Corner = tuple[int, ...] | Int[np.ndarray, "3"]
+
+
+class BlockArray(eqx.Module):
+    """Values of the voxels of a box.
+
+    Attributes:
+        table: int32 (a, b, c): row of each block in the pool; block (i, j, k) begins at voxel (8 i, 8 j, 8 k).
+        pool: (n, 8, 8, 8) of any dtype: the blocks. Row 0 is all zeros, no other row that holds one value is like
+            another one, and what lies beyond the box is 0.
+        shape: Number of voxels along x, y, z.
+    """
+
+    table: Int32[Array, "a b c"]
+    pool: Shaped[Array, "n 8 8 8"]
+    shape: Shape = eqx.field(static=True)
+
+    @property
+    def dtype(self) -> np.dtype:
+        """Kind of number that a voxel holds."""
+        return self.pool.dtype
+
+    @property
+    def num_voxels(self) -> int:
+        """Number of voxels of the box."""
+        x, y, z = self.shape
+        return x * y * z
+
+    @property
+    def num_bytes(self) -> int:
+        """Memory of the pool and of a table that is written everywhere [byte]."""
+        return self.pool.size * self.dtype.itemsize + 4 * self.table.size
+
+    @cached_property
+    def is_uniform(self) -> Bool[np.ndarray, "n"]:
+        """Whether all voxels of each row of the pool hold one value."""
+        return is_uniform(np.asarray(self.pool))
+
+    @cached_property
+    def uses(self) -> Int[np.ndarray, "n"]:
+        """How many blocks of the box each row of the pool stands for."""
+        return np.bincount(np.asarray(self.table).reshape(-1), minlength=len(self.pool))
+
+    def __array__(self, dtype: np.typing.DTypeLike | None = None, copy: bool | None = None) -> np.ndarray:
+        """The dense array, as NumPy asks for it."""
+        return np.asarray(self.dense(), dtype)
+
+    def dense(self) -> Array:
+        """All voxels of the box, (x, y, z); on the device, if the pool lies there or is traced.
+
+        Raises:
+            InputError: If there is not enough memory for the box.
+        """
+        if isinstance(self.pool, jax.Array) or isinstance(self.table, jax.Array):
+            blocks = jnp.asarray(self.pool)[jnp.asarray(self.table)]
+            a, b, c = self.table.shape
+            whole = blocks.transpose(0, 3, 1, 4, 2, 5).reshape(BLOCK * a, BLOCK * b, BLOCK * c)
+            return whole[tuple(slice(0, n) for n in self.shape)]
+        size = float(self.num_voxels) * self.dtype.itemsize
+        if size > 1 << 24:  # a smaller one is not worth the milliseconds of asking
+            box = " x ".join(map(str, self.shape))
+            advice = "crop the map, or take a larger voxel size"
+            check_memory(size, f"the dense array of {box} voxels", advice, on_device=False)
+        return self.window((0, 0, 0), self.shape)
+
+    def window(self, low: Corner, high: Corner) -> np.ndarray:
+        """Voxels from `low` up to and without `high`, dense; 0 beyond the box.
+
+        Args:
+            low: Lowest voxel, which may lie outside.
+            high: One past the highest.
+        """
+        first = [int(n) for n in low]
+        size = tuple(max(int(h) - l, 0) for l, h in zip(first, high, strict=True))
+        begin = [max(l, 0) for l in first]
+        end = [min(h, n) for h, n in zip(high, self.shape, strict=True)]
+        inside = all(b < e for b, e in zip(begin, end, strict=True))
+        is_whole = inside and all(b == l and e == h for b, e, l, h in zip(begin, end, low, high, strict=True))
+        found = np.empty(size, self.dtype) if is_whole else np.zeros(size, self.dtype)
+        if not inside:
+            return found
+        target = found[tuple(slice(b - l, e - l) for b, e, l in zip(begin, end, low, strict=True))]
+        blocks = tuple(slice(b // BLOCK, -(-e // BLOCK)) for b, e in zip(begin, end, strict=True))
+        table, pool = np.asarray(self.table)[blocks], np.asarray(self.pool)
+        first = [b - BLOCK * cut.start for b, cut in zip(begin, blocks, strict=True)]
+
+        def fill(layer: int) -> None:
+            # Of a layer of blocks along x, those planes that the window has.
+            start, stop = BLOCK * layer - first[0], BLOCK * (layer + 1) - first[0]
+            planes = slice(max(start, 0), min(stop, len(target)))
+            cut = slice(planes.start - start, planes.stop - start)
+            part = pool[:, cut][table[layer]].transpose(2, 0, 3, 1, 4)
+            rows = part.reshape(part.shape[0], BLOCK * part.shape[1], BLOCK * part.shape[3])
+            target[planes] = rows[
+                :, first[1] : first[1] + target.shape[1], first[2] : first[2] + target.shape[2]
+            ]
+
+        spread(fill, range(len(table)))
+        return found
+
+    def take(self, index: Int[np.ndarray, "m 3"]) -> Shaped[np.ndarray, " m"]:
+        """Values at voxels inside the box."""
+        block, cell = index >> 3, index & 7
+        row = np.asarray(self.table)[tuple(block.T)]
+        return np.asarray(self.pool)[row, cell[:, 0], cell[:, 1], cell[:, 2]]
+
+    def count(self, value: object) -> int:
+        """How many voxels of the box hold a value that is not 0."""
+        of_row = np.count_nonzero(np.asarray(self.pool).reshape(len(self.pool), -1) == value, axis=1)
+        return int(of_row @ self.uses)
+
+    def where(self, value: object) -> Int32[np.ndarray, "m 3"]:
+        """Voxels that hold a value that is not 0, int32 (m, 3), in lexicographic order.
+
+        Raises:
+            InputError: If there is not enough memory for the list.
+        """
+        count = self.count(value)
+        if count > 1 << 22:  # a short list is not worth the milliseconds of asking
+            advice = "crop the map, or take a larger voxel size"
+            check_memory(36.0 * count, f"the list of {count:,} voxels", advice, on_device=False)
+        has_any = (np.asarray(self.pool) == value).any(axis=(1, 2, 3))
+        blocks = np.argwhere(has_any[np.asarray(self.table)]).astype(np.int32)
+        # Layer by layer along x, in which a sort puts the voxels of the blocks in their order.
+        ends = np.searchsorted(blocks[:, 0], np.arange(self.table.shape[0] + 1))
+
+        def list_layer(layer: int) -> np.ndarray:
+            chosen = blocks[ends[layer] : ends[layer + 1]]
+            row, *cell = np.nonzero(np.asarray(self.pool)[np.asarray(self.table)[tuple(chosen.T)]] == value)
+            x, y, z = (BLOCK * chosen[row, axis] + cell[axis].astype(np.int32) for axis in range(3))
+            key = (cell[0] * self.shape[1] + y) * np.int64(self.shape[2]) + z
+            order = np.argsort(key)
+            return np.stack([x[order], y[order], z[order]], axis=1)
+
+        found = spread(list_layer, range(self.table.shape[0]))
+        return np.concatenate(found) if found else np.zeros((0, 3), np.int32)
+
+    def known_box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest voxel that is not 0, and one past the highest, int64 (3,) each; both 0 where all are."""
+        blocks = np.argwhere(np.asarray(self.table) != 0)
+        if not len(blocks):
+            return np.zeros(3, np.int64), np.zeros(3, np.int64)
+        rows = np.asarray(self.table)[tuple(blocks.T)]
+        low, high = np.zeros(3, np.int64), np.zeros(3, np.int64)
+        for axis in range(3):
+            others = tuple(other + 1 for other in range(3) if other != axis)
+            hit = (np.asarray(self.pool) != 0).any(axis=others)
+            first, last = hit.argmax(axis=1), BLOCK - hit[:, ::-1].argmax(axis=1)
+            low[axis] = (BLOCK * blocks[:, axis] + first[rows]).min()
+            high[axis] = (BLOCK * blocks[:, axis] + last[rows]).max()
+        return low, high
+
+    def equals(self, other: "BlockArray") -> bool:
+        """Whether both hold the same values, whichever rows of their pools stand for them."""
+        if self.shape != other.shape:
+            return False
+        # Pairs of rows that stand for one block somewhere: far fewer than blocks.
+        mine, theirs = (np.asarray(each.table).reshape(-1).astype(np.int64) for each in (self, other))
+        pairs = np.unique(mine * len(other.pool) + theirs)
+        step = 1 << 12
+        return all(
+            np.array_equal(self.pool[part // len(other.pool)], other.pool[part % len(other.pool)])
+            for part in (pairs[start : start + step] for start in range(0, len(pairs), step))
+        )
+
+    def parts(self) -> Iterator[tuple[Int[np.ndarray, "m 3"], Shaped[np.ndarray, "m 8 8 8"]]]:
+        """Blocks that are not all 0, some thousand at a time: their places in the table, and their values."""
+        blocks = np.argwhere(np.asarray(self.table) != 0)
+        step = 1 << 12
+        for start in range(0, len(blocks), step):
+            index = blocks[start : start + step]
+            yield index, np.asarray(self.pool)[np.asarray(self.table)[tuple(index.T)]]
+
+
+def is_uniform(blocks: Shaped[np.ndarray, "n 8 8 8"]) -> Bool[np.ndarray, "n"]:
+    """Whether all voxels of each block hold one value."""
+    flat = blocks.reshape(len(blocks), -1)
+    # Bytes are compared eight at a time.
+    words = flat.view(np.uint64) if flat.dtype.itemsize < 8 and flat.flags.c_contiguous else flat
+    is_level = (words == words[:, :1]).all(axis=1)
+    return is_level & (flat[:, : 8 // flat.dtype.itemsize] == flat[:, :1]).all(axis=1)
+
+
+def lattice_shape(shape: tuple[int, ...]) -> Shape:
+    """Number of blocks along x, y, z of a box of voxels."""
+    x, y, z = (-(-n // BLOCK) for n in shape)
+    return x, y, z
+
+
+class BlockBuilder:
+    """A `BlockArray` that is put together from blocks, in any order, each block of the box once at most."""
+
+    def __init__(self, shape: tuple[int, ...], dtype: np.typing.DTypeLike) -> None:
+        """Begin with zeros everywhere.
+
+        Args:
+            shape: Number of voxels along x, y, z.
+            dtype: Kind of number that a voxel holds.
+
+        Raises:
+            InputError: If the box has more blocks than int32 counts.
+        """
+        lattice = lattice_shape(shape)
+        num_blocks = lattice[0] * lattice[1] * lattice[2]
+        if num_blocks >= 1 << 31:
+            box = " x ".join(f"{n:,}" for n in shape)
+            raise InputError(
+                f"a box of {box} voxels has {num_blocks:.3g} blocks of 8 x 8 x 8, more than 32 bits count; "
+                "crop the map, or take a larger voxel size."
+            )
+        self._shape: Shape = tuple(int(n) for n in shape)  # pyright: ignore[reportAttributeAccessIssue]
+        self._table = reserve(num_blocks, dtype=np.int32).reshape(lattice)
+        self._rows = [np.zeros((1, BLOCK, BLOCK, BLOCK), dtype)]
+        self._row_of = {self._rows[0].dtype.type(0).tobytes(): 0}
+        self._length = 1
+
+    def add(self, index: Int[np.ndarray, "m 3"], blocks: Shaped[np.ndarray, "m 8 8 8"]) -> None:
+        """Put blocks at places of the table.
+
+        Args:
+            index: Places, each once.
+            blocks: Their values; what lies beyond the box becomes 0.
+        """
+        if not len(index):
+            return
+        blocks = self._cut(index, np.ascontiguousarray(blocks, self._rows[0].dtype))
+        level = is_uniform(blocks)
+        rows = np.empty(len(blocks), np.int32)
+        rows[level] = self._rows_of_values(blocks[level, 0, 0, 0])
+        kept = blocks[~level]
+        rows[~level] = np.arange(self._length, self._length + len(kept), dtype=np.int32)
+        if len(kept):
+            self._append(kept)
+        self._table[tuple(np.asarray(index).T)] = rows
+
+    def put(self, index: Int[np.ndarray, "m 3"], values: Shaped[np.ndarray, " m"]) -> None:
+        """Put blocks of one value at places of the table.
+
+        Args:
+            index: Places, each once.
+            values: Value of all voxels of each block that lie in the box.
+        """
+        reaches_out = ((np.asarray(index) + 1) * BLOCK > np.asarray(self._shape)).any(axis=1)
+        if reaches_out.any():
+            some = np.asarray(values)[reaches_out, None, None, None]
+            self.add(index[reaches_out], np.broadcast_to(some, (len(some), BLOCK, BLOCK, BLOCK)))
+            index, values = index[~reaches_out], values[~reaches_out]
+        self._table[tuple(np.asarray(index).T)] = self._rows_of_values(np.asarray(values))
+
+    def finish(self) -> BlockArray:
+        """The array; the builder is not used any more."""
+        return BlockArray(self._table, np.concatenate(self._rows), self._shape)
+
+    def _rows_of_values(self, values: np.ndarray) -> Int32[np.ndarray, " m"]:
+        different, at = np.unique(values, return_inverse=True)
+        return np.asarray([self._row_of_value(value) for value in different], np.int32)[at]
+
+    def _row_of_value(self, value: np.generic) -> int:
+        key = value.tobytes()
+        if key not in self._row_of:
+            self._row_of[key] = self._length
+            self._append(np.full((1, BLOCK, BLOCK, BLOCK), value))
+        return self._row_of[key]
+
+    def _append(self, blocks: np.ndarray) -> None:
+        self._rows.append(blocks)
+        self._length += len(blocks)
+
+    def _cut(self, index: np.ndarray, blocks: np.ndarray) -> np.ndarray:
+        """Blocks with zeros beyond the box; only those at its end are changed, in a copy."""
+        for axis, side in enumerate(self._shape):
+            rest = side % BLOCK
+            if rest:
+                at_end = np.flatnonzero(np.asarray(index)[:, axis] == side // BLOCK)
+                beyond = (
+                    at_end,
+                    *(slice(rest, None) if other == axis else slice(None) for other in range(3)),
+                )
+                if len(at_end) and blocks[beyond].any():
+                    blocks = blocks.copy()
+                    blocks[beyond] = 0
+        return blocks
+
+
+def blocks_of(values: Shaped[np.ndarray, "x y z"]) -> BlockArray:
+    """The blocks of a dense array."""
+    builder = BlockBuilder(values.shape, values.dtype)
+    a, b, c = lattice_shape(values.shape)
+    whole = BLOCK * b, BLOCK * c
+
+    def cut(layer: int) -> tuple[np.ndarray, np.ndarray]:
+        part = values[BLOCK * layer : BLOCK * (layer + 1)]
+        if part.shape != (BLOCK, *whole):
+            part = np.pad(part, [(0, n - m) for n, m in zip((BLOCK, *whole), part.shape, strict=True)])
+        blocks = part.reshape(BLOCK, b, BLOCK, c, BLOCK).transpose(1, 3, 0, 2, 4)
+        blocks = np.ascontiguousarray(blocks).reshape(b * c, BLOCK, BLOCK, BLOCK)
+        places = np.flatnonzero(blocks.any(axis=(1, 2, 3)))
+        index = np.stack([np.full(len(places), layer), *np.divmod(places, max(c, 1))], axis=1)
+        return index, blocks[places]
+
+    # A few layers side by side, so that no more than these are held twice.
+    step = 16
+    for start in range(0, a, step):
+        for index, blocks in spread(cut, range(start, min(start + step, a))):
+            builder.add(index, blocks)
+    return builder.finish()
