@@ -6,7 +6,8 @@ Frames: a generated pair at zero and in the coordinates of a national grid. Stra
 without one occupied voxel 600 m away, read and registered in processes of their own (seconds of the second call, peak
 of the resident set). Clouds and fragments are the real pairs of the folder of test maps that have no free space:
 seconds of features and of the exhaustive search in the second call, and errors at the working voxel size, at the files'
-own, and at 0.1 m, which finer maps were brought to before.
+own, and at 0.1 m, which finer maps were brought to before. Boxes: the same two buildings, ever farther apart. Site: two
+maps of a hillside with nine buildings, merged at their own resolution by the command, in a process of its own.
 """
 
 import argparse
@@ -24,6 +25,8 @@ import voxjax as vx
 from bench.cases import Case, folder_cases, maps_folder
 from bench.memory import peak_megabytes
 from bench.reports import markdown_table, write_json
+from bench.scale_sites import box_rows, site_row
+from bench.sites import Site
 from bench.timing import setting
 from bench.worlds import MapPair
 from voxjax.frames import from_local
@@ -74,7 +77,12 @@ def measure(path_a: str, path_b: str) -> dict:
         grids = vx.read_map(path_a), vx.read_map(path_b)
         found = vx.register(*grids)
         seconds = time.perf_counter() - start
-    return {"seconds": seconds, "peak [MB]": peak_megabytes(), "verdict": found.verdict}
+    return {
+        "seconds": seconds,
+        "peak [MB]": peak_megabytes(),
+        "verdict": found.verdict,
+        "T_a_b": np.asarray(found.T_a_b).tolist(),
+    }
 
 
 def stray_rows(a: vx.VoxelGrid, b: vx.VoxelGrid) -> Iterator[dict]:
@@ -86,9 +94,9 @@ def stray_rows(a: vx.VoxelGrid, b: vx.VoxelGrid) -> Iterator[dict]:
         for name in ("a", "stray"):
             command = [sys.executable, "-m", "bench", "scale", "--in-process", paths[name], paths["b"]]
             done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
-            yield {"maps": "as they are" if name == "a" else f"a stray at {STRAY:g} m"} | json.loads(
-                done.stdout
-            )
+            found = json.loads(done.stdout)
+            del found["T_a_b"]
+            yield {"maps": "as they are" if name == "a" else f"a stray at {STRAY:g} m"} | found
 
 
 def cloud_row(case: Case, pair: MapPair) -> dict:
@@ -143,6 +151,10 @@ def main(argv: list[str]) -> int:
     team = simulate_team(args.seed, overlap=0.4, frame="yaw", voxel_size=0.2 if args.quick else 0.1)
     a, b = team.grids[:2]
     parts = {"frames": [frame_row(a, b)], "strays": list(stray_rows(a, b))}
+    with tempfile.TemporaryDirectory() as temporary:
+        parts["boxes"] = list(box_rows(args.seed, a.voxel_size, Path(temporary)))
+        if not args.quick:
+            parts["site"] = [site_row(args.seed, Site(), Path(temporary))]
     folder = maps_folder(args.maps, is_wanted=not args.quick)
     loaded = ((case, case.load()) for case in (folder_cases(folder, ["real"]) if folder else []))
     clouds = [cloud_row(case, pair) for case, pair in loaded if not pair.a.num_free]

@@ -5,11 +5,13 @@ import json
 import numpy as np
 import pytest
 from bench.cases import Case
+from bench.scale_sites import apart
 from bench.worlds import MapPair
 
 import voxjax as vx
 from bench import scale
 from small_worlds import draw_map, pose
+from voxjax.synthetic import measure_overlap
 
 VOXEL = 0.16
 
@@ -58,3 +60,13 @@ def test_clouds_are_judged_at_three_voxel_sizes(maps):
     text = scale.table([row])
     assert text.splitlines()[0].startswith("| pair | occupied | pose | voxel [m] |")
     assert len(text.splitlines()) == 3
+
+
+def test_two_buildings_stand_apart_where_the_pose_says():
+    pair = apart(70, 30, 0.4)
+    assert measure_overlap(pair.a, pair.b, pair.T_a_b) > 0.4
+    # Both buildings are there, far from each other.
+    points = pair.a.occupied_points()
+    halves = points[:, 0] > points[:, 0].mean()
+    assert 0.2 < halves.mean() < 0.8
+    assert np.ptp(points[:, 0]) > 130
