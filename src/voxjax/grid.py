@@ -2,7 +2,8 @@
 
 Axis order is x, y, z everywhere. Voxel (i, j, k) fills `origin + voxel_size * [i, i + 1)` along each axis
 and its centre lies half a voxel further. States live on the host until a kernel takes them: as the dense array
-that they were given as, or in blocks (`ops.blocks.block_array`), whose box may be of any size.
+that they were given as, in blocks (`ops.blocks.block_array`), whose box may be of any size, or in chunks of a store,
+which are read as they are needed (`ops.blocks.chunked_array`).
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from ._runtime.memory import check_memory
 from ._types import FREE, OCCUPIED, UNKNOWN, Array
 from .frames import STEPS_PER_VOXEL, check_near
 from .ops.blocks.block_array import BlockArray, Corner, blocks_of
+from .ops.blocks.chunked_array import ChunkedArray
 from .ops.blocks.windows import cut_out
 from .ops.resampling.lattice import about_middle, origin_in_voxels
 from .ops.resampling.raycast import grid_from_points
@@ -39,6 +41,10 @@ from .ops.resampling.rigid import resample_rigid
 
 if TYPE_CHECKING:
     from jaxtyping import Float32, UInt8
+
+
+# What is kept of maps whose box may be of any size: their blocks, or where these can be read.
+Sparse = BlockArray | ChunkedArray
 
 
 class VoxelGrid(eqx.Module):
@@ -50,9 +56,9 @@ class VoxelGrid(eqx.Module):
         voxel_size: Edge length of a voxel [m]; static under `jax.jit`.
     """
 
-    _states: UInt8[Array, "x y z"] | BlockArray
+    _states: UInt8[Array, "x y z"] | Sparse
     origin: Float[Array, "3"]
-    _log_odds: Float32[Array, "x y z"] | BlockArray | None
+    _log_odds: Float32[Array, "x y z"] | Sparse | None
     voxel_size: float = eqx.field(static=True)
 
     def __init__(self, states: object, origin: object, voxel_size: float, log_odds: object = None):
@@ -60,11 +66,11 @@ class VoxelGrid(eqx.Module):
 
         What JAX traces is checked for its shape alone: its values are not known yet.
         """
-        self._states = states if isinstance(states, BlockArray) else as_states(states)
+        self._states = states if isinstance(states, Sparse) else as_states(states)
         self.origin = as_origin(origin)
         self._log_odds = None
         if log_odds is not None:
-            kept = isinstance(log_odds, BlockArray)
+            kept = isinstance(log_odds, Sparse)
             self._log_odds = log_odds if kept else as_float32("log_odds", log_odds)
         self.voxel_size = check_voxel_size(voxel_size)
         check_three_axes("states", self._states.shape)
@@ -117,7 +123,7 @@ class VoxelGrid(eqx.Module):
         Raises:
             InputError: If the map is kept in blocks, and there is not enough memory for the box.
         """
-        return self._states.dense() if isinstance(self._states, BlockArray) else self._states
+        return self._states.dense() if isinstance(self._states, Sparse) else self._states
 
     @property
     def log_odds(self) -> Float32[Array, "x y z"] | None:
@@ -126,32 +132,30 @@ class VoxelGrid(eqx.Module):
         Raises:
             InputError: As from `states`.
         """
-        return self._log_odds.dense() if isinstance(self._log_odds, BlockArray) else self._log_odds
+        return self._log_odds.dense() if isinstance(self._log_odds, Sparse) else self._log_odds
 
     @property
     def is_sparse(self) -> bool:
-        """Whether the map is kept in blocks: `states` and `log_odds` are then made when they are asked for."""
-        return isinstance(self._states, BlockArray)
+        """Whether the map is kept in blocks, or read from a store as needed: `states` and `log_odds` are then made."""
+        return isinstance(self._states, Sparse)
 
     def state_blocks(self) -> BlockArray:
-        """The states in blocks; those of a dense map are made at each call."""
-        return self._states if isinstance(self._states, BlockArray) else blocks_of(np.asarray(self._states))
+        """The states in blocks; those of a dense map are made at each call, those of a store read once and kept."""
+        return _in_blocks(self._states)
 
     def log_odds_blocks(self) -> BlockArray | None:
-        """The log-odds in blocks, or None; those of a dense map are made at each call."""
-        if self._log_odds is None or isinstance(self._log_odds, BlockArray):
-            return self._log_odds
-        return blocks_of(np.asarray(self._log_odds))
+        """The log-odds in blocks like `state_blocks`, or None."""
+        return None if self._log_odds is None else _in_blocks(self._log_odds)
 
     def states_in(self, low: Corner, high: Corner) -> UInt8[np.ndarray, "x y z"]:
         """States of a window of the box, dense: from voxel `low` up to and without `high`, both inside the box."""
-        if isinstance(self._states, BlockArray):
+        if isinstance(self._states, Sparse):
             return self._states.window(low, high)
         return np.asarray(self._states)[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
 
     def states_at(self, index: Int[np.ndarray, "n 3"]) -> UInt8[np.ndarray, " n"]:
         """States of voxels inside the box."""
-        if isinstance(self._states, BlockArray):
+        if isinstance(self._states, Sparse):
             return self._states.take(index)
         return np.asarray(self._states)[tuple(index.T)]
 
@@ -176,7 +180,7 @@ class VoxelGrid(eqx.Module):
         return self._count(FREE)
 
     def _count(self, state: np.uint8) -> int:
-        if isinstance(self._states, BlockArray):
+        if isinstance(self._states, Sparse):
             return self._states.count(state)
         # In pieces that stay in the cache, without an array of truth values as large as the map.
         flat, piece = np.asarray(self._states).reshape(-1), 1 << 18
@@ -195,7 +199,7 @@ class VoxelGrid(eqx.Module):
         Raises:
             InputError: If there is not enough memory for the list, which may be many times as large as a file was.
         """
-        if isinstance(self._states, BlockArray):
+        if isinstance(self._states, Sparse):
             return self._states.where(OCCUPIED)
         states, count = np.asarray(self._states), self.num_occupied
         if count > 1 << 22:  # a short list is not worth the milliseconds of asking
@@ -261,7 +265,7 @@ class VoxelGrid(eqx.Module):
 
     def known_box(self) -> tuple[np.ndarray, np.ndarray]:
         """Lowest free or occupied voxel and one past the highest, int64 (3,) each; both 0 where nothing is known."""
-        if isinstance(self._states, BlockArray):
+        if isinstance(self._states, Sparse):
             return self._states.known_box()
         states = np.asarray(self._states)
         low, high = np.zeros(3, np.int64), np.zeros(3, np.int64)
@@ -275,11 +279,16 @@ class VoxelGrid(eqx.Module):
         return low, high
 
     def cut(self, low: Int[np.ndarray, "3"], high: Int[np.ndarray, "3"]) -> VoxelGrid:
-        """The part from voxel `low` up to and without `high`, both inside the box; of a dense map a view of it."""
+        """The part from voxel `low` up to and without `high`, both inside the box.
 
-        def part(values: Array | BlockArray) -> Array | BlockArray:
+        Of a dense map it is a view; of a store that part is read.
+        """
+
+        def part(values: Array | Sparse) -> Array | Sparse:
             if isinstance(values, BlockArray):
                 return cut_out(values, low, high)
+            if isinstance(values, ChunkedArray):
+                return values.cut(low, high)
             return np.asarray(values)[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
 
         origin = np.asarray(self.origin, np.float64) + np.asarray(low, np.float64) * self.voxel_size
@@ -367,28 +376,37 @@ class VoxelGrid(eqx.Module):
             return f"VoxelGrid(states={values}, voxel_size={self.voxel_size})"
         low, high = self.extent
         total = max(self.num_voxels, 1)
-        shares = ", ".join(
-            f"{count:,} {name} ({100 * count / total:.1f} %)"
-            for count, name in ((self.num_occupied, "occupied"), (self.num_free, "free"))
-        )
+        shares = "not counted yet"  # a store is not read for a line of text
+        if not isinstance(self._states, ChunkedArray) or self._states.is_surveyed:
+            shares = ", ".join(
+                f"{count:,} {name} ({100 * count / total:.1f} %)"
+                for count, name in ((self.num_occupied, "occupied"), (self.num_free, "free"))
+            )
         size = " x ".join(map(str, self.shape))
         box = " ".join(f"{axis} {a:.2f}..{b:.2f}" for axis, a, b in zip("xyz", low, high, strict=True))
         odds = ", with log-odds" if self._log_odds is not None else ""
         return f"VoxelGrid({size} voxels of {self.voxel_size:g} m, {box} m, {shares}{odds})"
 
 
-def _values(kept: Array | BlockArray) -> Array:
-    """All values that there are, each once at least."""
+def _values(kept: Array | Sparse) -> Array:
+    """All values that there are, each once at least; of a store none, whose reader looks at what it reads."""
+    if isinstance(kept, ChunkedArray):
+        return np.zeros(0, kept.dtype)
     return kept.pool if isinstance(kept, BlockArray) else kept
 
 
-def _same(one: Array | BlockArray | None, other: Array | BlockArray | None) -> bool:
+def _in_blocks(kept: Array | Sparse) -> BlockArray:
+    if isinstance(kept, ChunkedArray):
+        return kept.blocks()
+    return kept if isinstance(kept, BlockArray) else blocks_of(np.asarray(kept))
+
+
+def _same(one: Array | Sparse | None, other: Array | Sparse | None) -> bool:
     """Whether two arrays of one shape hold the same values, dense or in blocks."""
     if one is None or other is None:
         return one is other
-    if isinstance(one, BlockArray) or isinstance(other, BlockArray):
-        first, second = (v if isinstance(v, BlockArray) else blocks_of(np.asarray(v)) for v in (one, other))
-        return first.equals(second)
+    if isinstance(one, Sparse) or isinstance(other, Sparse):
+        return _in_blocks(one).equals(_in_blocks(other))
     return np.array_equal(np.asarray(one), np.asarray(other))
 
 

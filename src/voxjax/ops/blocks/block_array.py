@@ -307,21 +307,28 @@ class BlockBuilder:
         return blocks
 
 
+def split(
+    values: Shaped[np.ndarray, "x y z"],
+) -> tuple[Int[np.ndarray, "m 3"], Shaped[np.ndarray, "m 8 8 8"]]:
+    """The blocks of a dense array that are not all 0: their places, and their values."""
+    a, b, c = lattice_shape(values.shape)
+    whole = BLOCK * a, BLOCK * b, BLOCK * c
+    if values.shape != whole:
+        values = np.pad(values, [(0, n - m) for n, m in zip(whole, values.shape, strict=True)])
+    blocks = values.reshape(a, BLOCK, b, BLOCK, c, BLOCK).transpose(0, 2, 4, 1, 3, 5)
+    blocks = np.ascontiguousarray(blocks).reshape(a * b * c, BLOCK, BLOCK, BLOCK)
+    places = np.flatnonzero(blocks.any(axis=(1, 2, 3)))
+    return np.stack(np.unravel_index(places, (a, b, c)), axis=1), blocks[places]
+
+
 def blocks_of(values: Shaped[np.ndarray, "x y z"]) -> BlockArray:
     """The blocks of a dense array."""
     builder = BlockBuilder(values.shape, values.dtype)
-    a, b, c = lattice_shape(values.shape)
-    whole = BLOCK * b, BLOCK * c
+    a = lattice_shape(values.shape)[0]
 
     def cut(layer: int) -> tuple[np.ndarray, np.ndarray]:
-        part = values[BLOCK * layer : BLOCK * (layer + 1)]
-        if part.shape != (BLOCK, *whole):
-            part = np.pad(part, [(0, n - m) for n, m in zip((BLOCK, *whole), part.shape, strict=True)])
-        blocks = part.reshape(BLOCK, b, BLOCK, c, BLOCK).transpose(1, 3, 0, 2, 4)
-        blocks = np.ascontiguousarray(blocks).reshape(b * c, BLOCK, BLOCK, BLOCK)
-        places = np.flatnonzero(blocks.any(axis=(1, 2, 3)))
-        index = np.stack([np.full(len(places), layer), *np.divmod(places, max(c, 1))], axis=1)
-        return index, blocks[places]
+        index, blocks = split(values[BLOCK * layer : BLOCK * (layer + 1)])
+        return index + np.asarray([layer, 0, 0]), blocks
 
     # A few layers side by side, so that no more than these are held twice.
     step = 16
