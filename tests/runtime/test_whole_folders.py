@@ -22,7 +22,9 @@ def folder_of(text, *, fault=None):
 
 
 def content(folder):
-    return {path.relative_to(folder).as_posix(): path.read_text() for path in folder.rglob("*") if path.is_file()}
+    return {
+        path.relative_to(folder).as_posix(): path.read_text() for path in folder.rglob("*") if path.is_file()
+    }
 
 
 def whole(text):
@@ -79,7 +81,9 @@ def test_a_folder_that_cannot_be_written_leaves_nothing_and_keeps_the_old(tmp_pa
     assert not force or content(path) == whole("old")
 
 
-@pytest.mark.parametrize(("is_there", "failing"), [(True, 1), (True, 2), (True, None), (False, 1), (False, None)])
+@pytest.mark.parametrize(
+    ("is_there", "failing"), [(True, 1), (True, 2), (True, None), (False, 1), (False, None)]
+)
 def test_a_name_that_cannot_be_taken_takes_back_those_before(tmp_path, monkeypatch, is_there, failing):
     """The old folder is named aside first; with `failing` None it is the file after the folder that gets no name."""
     path, calls, rename = tmp_path / "m.zarr", [], os.rename

@@ -51,7 +51,9 @@ def check_writable(
     if is_folder and marker is None:
         raise InputError(f"{path} is a folder; give the name of a file.")
     if is_folder and not (path / str(marker)).is_file():
-        raise InputError(f"{path} is a folder without a file {marker}, which is never replaced; use another name.")
+        raise InputError(
+            f"{path} is a folder without a file {marker}, which is never replaced; use another name."
+        )
     if target is not None and not is_folder and not stat.S_ISREG(target):
         raise InputError(f"{path} is a device or a pipe, which cannot be replaced; give the name of a file.")
     if not os.access(path.parent, os.W_OK):
