@@ -32,7 +32,7 @@ from ._runtime.memory import check_memory
 from ._types import FREE, OCCUPIED, UNKNOWN, Array
 from .frames import STEPS_PER_VOXEL, check_near
 from .ops.blocks.block_array import BlockArray, Corner, blocks_of
-from .ops.blocks.chunked_array import ChunkedArray
+from .ops.blocks.chunked_array import ChunkedArray, cubes_of
 from .ops.blocks.windows import cut_out
 from .ops.resampling.lattice import about_middle, origin_in_voxels
 from .ops.resampling.raycast import grid_from_points
@@ -139,6 +139,11 @@ class VoxelGrid(eqx.Module):
         """Whether the map is kept in blocks, or read from a store as needed: `states` and `log_odds` are then made."""
         return isinstance(self._states, Sparse)
 
+    @property
+    def has_log_odds(self) -> bool:
+        """Whether there are log-odds, which are not made for that."""
+        return self._log_odds is not None
+
     def state_blocks(self) -> BlockArray:
         """The states in blocks; those of a dense map are made at each call, those of a store read once and kept."""
         return _in_blocks(self._states)
@@ -152,6 +157,21 @@ class VoxelGrid(eqx.Module):
         if isinstance(self._states, Sparse):
             return self._states.window(low, high)
         return np.asarray(self._states)[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
+
+    def log_odds_in(self, low: Corner, high: Corner) -> Float32[np.ndarray, "x y z"] | None:
+        """Log-odds of a window of the box like `states_in`, or None."""
+        if self._log_odds is None or isinstance(self._log_odds, Sparse):
+            return None if self._log_odds is None else self._log_odds.window(low, high)
+        return np.asarray(self._log_odds)[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
+
+    def cubes(self, side: int) -> Int[np.ndarray, "m 3"]:
+        """Cubes of the box that may hold something, in lexicographic order; all of a dense map.
+
+        Args:
+            side: Sides of the cubes [voxel], which are whole blocks; cube (i, j, k) begins at voxel side * (i, j, k).
+        """
+        found = cubes_of(self._states, side)
+        return np.argwhere(found if self._log_odds is None else found | cubes_of(self._log_odds, side))
 
     def states_at(self, index: Int[np.ndarray, "n 3"]) -> UInt8[np.ndarray, " n"]:
         """States of voxels inside the box."""

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, one or several together.
+"""Files and folders that are written whole or not at all, one or several together.
 
 All contents are written under temporary names in the folders of their files first; only when each of them is on the
 disk do the files take their names. Whatever goes wrong, a full disk or Ctrl-C, no temporary file stays.
@@ -13,14 +13,20 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from .._checks import InputError, shown
+from .whole_folders import Folder, flush_folder, remove, replace_folder
 
 FilePath = str | os.PathLike
+Content = bytes | Folder
 
 
 def check_writable(
-    path: FilePath, *, force: bool, advice: str = "give force=True to overwrite it, or another name"
+    path: FilePath,
+    *,
+    force: bool,
+    advice: str = "give force=True to overwrite it, or another name",
+    marker: str | None = None,
 ) -> Path:
-    """Return `path` if a file may be written there; lets a command refuse before the work, not after it.
+    """Return `path` if a file or a folder may be written there; lets a command refuse before the work, not after it.
 
     A link counts as the file that it leads to, and is itself replaced.
 
@@ -28,10 +34,11 @@ def check_writable(
         path: Name of the file.
         force: Whether a file or a link of that name may be replaced.
         advice: What to do where something of that name exists.
+        marker: What is written is a folder, which replaces folders only that hold a file of this name; None for a file.
 
     Raises:
-        InputError: If the folder is missing or not writable, the name is impossible or that of a folder, a device or
-            a pipe, or something of that name exists and `force` is False.
+        InputError: If the folder is missing or not writable, the name is impossible or that of a device, a pipe or
+            another folder, or something of that name exists and `force` is False.
     """
     path = Path(path)
     try:
@@ -40,9 +47,14 @@ def check_writable(
         raise InputError(f"{shown(str(path))} cannot be written: {_reason(error)}.") from error
     if parent is None or not stat.S_ISDIR(parent):
         raise InputError(f"{path}: the folder {path.parent} does not exist; make it first.")
-    if target is not None and stat.S_ISDIR(target):
+    is_folder = target is not None and stat.S_ISDIR(target)
+    if is_folder and marker is None:
         raise InputError(f"{path} is a folder; give the name of a file.")
-    if target is not None and not stat.S_ISREG(target):
+    if is_folder and not (path / str(marker)).is_file():
+        raise InputError(
+            f"{path} is a folder without a file {marker}, which is never replaced; use another name."
+        )
+    if target is not None and not is_folder and not stat.S_ISREG(target):
         raise InputError(f"{path} is a device or a pipe, which cannot be replaced; give the name of a file.")
     if not os.access(path.parent, os.W_OK):
         raise InputError(f"{path}: the folder {path.parent} is not writable; choose another one.")
@@ -60,17 +72,17 @@ def write_file(
 
 
 def write_files(
-    contents: Mapping[str, bytes] | Mapping[Path, bytes],
+    contents: Mapping[str, Content] | Mapping[Path, Content],
     *,
     force: bool,
     mode: int = 0o666,
     is_durable: bool = True,
 ) -> None:
-    """Write all files or none.
+    """Write all files and folders or none.
 
     Args:
-        contents: What each file holds, by its final name.
-        force: Whether files that exist may be replaced.
+        contents: What each file or folder holds, by its final name.
+        force: Whether those that exist may be replaced.
         mode: Permissions of the files, less the umask.
         is_durable: Whether to wait until the disk has them, so that they outlive a crash of the machine.
 
@@ -81,14 +93,20 @@ def write_files(
     # The inner stack ends first: old files get their names back before temporary names are removed, theirs included.
     with contextlib.ExitStack() as temporaries, contextlib.ExitStack() as renames:
         for name, data in contents.items():
-            path = check_writable(name, force=force)
+            marker = data.marker if isinstance(data, Folder) else None
+            path = check_writable(name, force=force, marker=marker)
             with _explained(path):
                 temporary = _temporary(path, temporaries)
-                _write(temporary, data, mode, is_durable)
+                if isinstance(data, Folder):
+                    _write_folder(temporary, data, is_durable)
+                else:
+                    _write(temporary, data, mode, is_durable)
             written.append((temporary, path))
         for temporary, path in written:
             with _explained(path):
-                if force:
+                if temporary.is_dir():
+                    replace_folder(temporary, path, _temporary(path, temporaries), renames, force=force)
+                elif force:
                     _replace(temporary, path, temporaries, renames)
                 else:
                     _take_new_name(temporary, path, renames)
@@ -101,7 +119,7 @@ def _temporary(path: Path, temporaries: contextlib.ExitStack) -> Path:
     """A name beside `path` that nobody has; `temporaries` removes what will be there."""
     temporary = path.with_name(f".voxjax-{secrets.token_hex(8)}.tmp")
     # Registered before the file exists, because Ctrl-C may come at any time.
-    temporaries.callback(temporary.unlink, missing_ok=True)
+    temporaries.callback(remove, temporary)
     return temporary
 
 
@@ -115,6 +133,13 @@ def _write(temporary: Path, data: bytes, mode: int, is_durable: bool) -> None:
         file.flush()
         if is_durable:
             os.fsync(file.fileno())
+
+
+def _write_folder(temporary: Path, folder: Folder, is_durable: bool) -> None:
+    """Make a new folder and flush all that is in it."""
+    folder.write(temporary)
+    if is_durable:
+        flush_folder(temporary)
 
 
 def _take_new_name(temporary: Path, path: Path, renames: contextlib.ExitStack) -> None:

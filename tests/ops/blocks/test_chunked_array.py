@@ -8,7 +8,7 @@ from tests.ops.blocks.boxes import random_boxes
 
 from voxjax import InputError, VoxelGrid
 from voxjax.ops.blocks.block_array import blocks_of
-from voxjax.ops.blocks.chunked_array import ChunkedArray
+from voxjax.ops.blocks.chunked_array import ChunkedArray, cubes_of
 
 # Chunks of whole blocks, chunks that are not, and one chunk for all.
 KINDS = (
@@ -127,6 +127,16 @@ def test_only_chunks_that_are_needed_are_read_and_those_read_last_are_kept():
     assert len(reads) == 48
 
 
+def test_cubes_that_hold_something_are_found(stored):
+    dense, array = stored
+    for values in (array, blocks_of(dense), dense):
+        found = cubes_of(values, 16)
+        assert found.shape == tuple(-(-n // 16) for n in dense.shape)
+        index = np.argwhere(dense) // 16
+        assert found[tuple(index.T)].all()
+    assert np.argwhere(cubes_of(blocks_of(dense), 16)).tolist() == np.unique(index, axis=0).tolist()
+
+
 def test_a_map_read_whole_needs_memory_for_its_blocks_and_not_for_the_chunks(monkeypatch):
     dense = np.ones((64, 64, 64), np.uint8)
     dense[:8, :8, :8] = np.random.default_rng(0).integers(0, 2, (8, 8, 8))
@@ -140,8 +150,12 @@ def test_a_map_read_whole_needs_memory_for_its_blocks_and_not_for_the_chunks(mon
 
 def test_a_dense_array_that_does_not_fit_is_refused(monkeypatch):
     monkeypatch.setenv("VOXJAX_MEMORY", "0.01")
+
+    def no_chunk(place):
+        raise AssertionError(f"{place} was read")
+
     with pytest.raises(InputError, match="the dense array of 512 x 512 x 128 voxels needs about"):
-        ChunkedArray((512, 512, 128), np.uint8, (64,) * 3, np.zeros((8, 8, 2), bool), lambda _: None).dense()
+        ChunkedArray((512, 512, 128), np.uint8, (64, 64, 64), np.zeros((8, 8, 2), bool), no_chunk).dense()
 
 
 def test_a_map_of_chunks_is_the_map_of_the_dense_array():
@@ -159,6 +173,13 @@ def test_a_map_of_chunks_is_the_map_of_the_dense_array():
     np.testing.assert_array_equal(grid.states_at(np.array([[3, 4, 5]])), dense[3:4, 4, 5])
     np.testing.assert_array_equal(grid.occupied_index(), true.occupied_index())
     assert repr(grid) == repr(true)
+    for each in (grid, true, VoxelGrid(blocks_of(dense), (0, 0, 0), 0.1, blocks_of(odds))):
+        np.testing.assert_array_equal(each.log_odds_in((3, 4, 5), (20, 30, 25)), odds[3:20, 4:30, 5:25])
+        assert each.has_log_odds
+        assert set(map(tuple, np.argwhere(dense) // 16)) <= set(map(tuple, each.cubes(16)))
+    states_only = VoxelGrid(array, (0, 0, 0), 0.1)
+    assert states_only.log_odds_in((0, 0, 0), (1, 1, 1)) is None
+    assert not states_only.has_log_odds
     low, high = np.array([5, 6, 7]), np.array([33, 31, 29])
     assert grid.cut(low, high).equals(true.cut(low, high))
     assert grid.crop_to_known().equals(true.crop_to_known())
@@ -166,5 +187,5 @@ def test_a_map_of_chunks_is_the_map_of_the_dense_array():
     assert true.equals(grid)
     np.testing.assert_array_equal(grid.states, dense)
     np.testing.assert_array_equal(grid.log_odds, odds)
-    assert grid.log_odds_blocks().equals(blocks_of(odds))
+    np.testing.assert_array_equal(grid.log_odds_blocks(), odds)
     assert repr(grid) == repr(true)
