@@ -64,13 +64,10 @@ def crop_grid(grid: VoxelGrid, crop: object) -> VoxelGrid:
     """
     corners = check_crop(crop)
     first, end = cells_within(corners, np.asarray(grid.origin, np.float64), grid.voxel_size, grid.shape)
-    window = tuple(slice(low, high) for low, high in zip(first.tolist(), end.tolist(), strict=True))
-    states = np.asarray(grid.states)[window]
-    if not states.any():
+    part = grid.cut(first, end) if (end > first).all() else None
+    if part is None or not part.known_box()[1].any():
         raise nothing_within(corners, grid.extent)
-    origin = np.asarray(grid.origin, np.float64) + first * grid.voxel_size
-    log_odds = None if grid.log_odds is None else np.asarray(grid.log_odds)[window]
-    return VoxelGrid(states, origin, grid.voxel_size, log_odds).crop_to_known()
+    return part.crop_to_known()
 
 
 def nothing_within(crop: tuple[np.ndarray, np.ndarray], extent: tuple[np.ndarray, np.ndarray]) -> InputError:

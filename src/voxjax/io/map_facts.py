@@ -45,8 +45,8 @@ class MapFacts(NamedTuple):
 
 def facts_of_grid(grid: VoxelGrid) -> MapFacts:
     """Figures of a dense grid."""
-    has_log_odds = grid.log_odds is not None
-    return MapFacts(grid.voxel_size, grid.shape, *grid.extent, grid.num_occupied, grid.num_free, has_log_odds)
+    counts = grid.num_occupied, grid.num_free
+    return MapFacts(grid.voxel_size, grid.shape, *grid.extent, *counts, grid.has_log_odds)
 
 
 def facts_of_leaves(leaves: LeafMap) -> MapFacts:
