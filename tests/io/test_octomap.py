@@ -2,6 +2,7 @@
 
 import os
 import struct
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -260,10 +261,27 @@ def test_unusable_ot_bytes_are_refused_in_one_sentence(data, sentence):
         (decode_ot, ot_file([(1.0, 1)] * 6 + [(1.0, 0)], 7)),
     ],
 )
-def test_a_small_file_that_expands_to_a_huge_grid_is_refused(decode, data):
+def test_a_small_file_that_expands_to_a_huge_grid_costs_its_table(decode, data):
+    tracemalloc.start()
+    grid = decode(data)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert grid.shape == (1024, 1024, 1024)
+    assert grid.num_occupied == 2**30
+    assert peak < 60_000_000
+
+
+@pytest.mark.parametrize(
+    ("decode", "data"),
+    [
+        (decode_bt, bt_file([3] * 2 + [2], 4)),
+        (decode_ot, ot_file([(1.0, 1)] * 3 + [(1.0, 0)], 4)),
+    ],
+)
+def test_a_small_file_whose_table_would_be_huge_is_refused(decode, data):
     with pytest.raises(
         InputError,
-        match=r"the map of 1024 x 1024 x 1024 voxels of 0\.1 m \(1,073,741,824 occupied in the file\) needs about "
+        match=r"the map of 8192 x 8192 x 8192 voxels of 0\.1 m \(549,755,813,888 occupied in the file\) needs about "
         r".* GB of memory, and a file of .* bytes may take 0\.537 GB; take voxel_size=",
     ):
         decode(data)
@@ -287,7 +305,7 @@ def test_any_cut_or_flipped_file_gives_a_map_or_one_sentence():
                 grid = decode(bytes(damaged), max_voxels=10**6)
             except InputError:
                 continue
-            assert grid.states.size <= 10**6
+            assert grid.num_voxels <= 10**6
 
 
 @pytest.mark.real_maps

@@ -1,4 +1,4 @@
-"""Painted leaves, against all their voxels painted and brought to another voxel size."""
+"""Painted leaves, against all their voxels painted one leaf after the other and brought to another voxel size."""
 
 import tracemalloc
 
@@ -7,12 +7,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from oracles import dense_paint
 from oracles import octree as oracle
 from voxjax import InputError, VoxelGrid
+from voxjax.io import leaf_parts
+from voxjax.io import paint as paint_module
+from voxjax.io.canvas import canvas_for
 from voxjax.io.crop import crop_grid
+from voxjax.io.leaf_parts import cut_leaves
 from voxjax.io.leaves import Leaves, leaf_map
 from voxjax.io.octomap import decode_bt, decode_ot, encode_bt, encode_ot
-from voxjax.io.paint import canvas_for, paint
+from voxjax.io.paint import paint
 
 RATIOS = (1, 2, 2.5, 3, 0.5, 1.7, 13)
 
@@ -37,6 +42,64 @@ def random_file(seed):
         odds = np.where(states == 2, values, np.where(states == 1, -values, np.float32(0)))
     grid = VoxelGrid(states, rng.integers(-5, 5, 3) * 8 * size, size, odds)
     return (encode_bt(grid), decode_bt, rng) if odds is None else (encode_ot(grid), decode_ot, rng)
+
+
+def painted(leaves, voxel_size):
+    canvas = canvas_for(leaves, voxel_size)
+    return paint(cut_leaves(leaves, canvas), canvas)
+
+
+def random_leaves(rng, *, has_log_odds):
+    """Leaves of up to 64 voxels, none inside of another, anywhere between the keys; cut by a window now and then."""
+    levels = {depth: [] for depth in range(10, 17)}
+    corner = rng.integers(0, 700, 3) * 64
+
+    def grow(key, depth):
+        width = 1 << (16 - depth)
+        if depth == 16 or (depth >= 10 and rng.random() < 0.4):
+            if rng.random() < 0.6:
+                levels[depth].append(key)
+            return
+        for child in np.ndindex(2, 2, 2):
+            if rng.random() < 0.25:
+                grow(key + np.array(child) * width // 2, depth + 1)
+
+    for root in np.ndindex(2, 1, 1):
+        grow(corner + np.array(root) * 64, 10)
+    levels[16].append(corner + np.array([3, 1, 90]))
+    made = []
+    for depth, keys in levels.items():
+        states = rng.integers(1, 3, len(keys)).astype(np.uint8)
+        odds = np.where(states == 2, 1, -1) * rng.choice([0.25, 0.5, 3.5], len(keys))
+        value = odds.astype(np.float32) if has_log_odds else states
+        made.append(Leaves(depth, np.array(keys, np.int32).reshape(-1, 3), value))
+    leaves = leaf_map(made, 0.1, has_log_odds=has_log_odds)
+    if rng.random() < 0.5:
+        inner = leaves.cut(leaves.low + rng.integers(0, 20, 3), leaves.high - rng.integers(0, 20, 3))
+        leaves = inner if inner.levels else leaves
+    return leaves
+
+
+@given(st.integers(0, 2**32 - 1), st.booleans(), st.booleans())
+@settings(max_examples=30, deadline=None)
+def test_leaves_are_painted_as_into_a_dense_array(seed, has_log_odds, is_small):
+    rng = np.random.default_rng(seed)
+    leaves = random_leaves(rng, has_log_odds=has_log_odds)
+    with pytest.MonkeyPatch.context() as patch:
+        # Blocks in the order in which they are seen, and some at a time, as those of large boxes are.
+        if not is_small:
+            patch.setattr(leaf_parts, "FEW_BLOCKS", 0)
+            patch.setattr(paint_module, "BLOCKS_AT_ONCE", 20)
+        for ratio in rng.choice(RATIOS, 3, replace=False).tolist():
+            got = painted(leaves, ratio * leaves.resolution)
+            for blocks, dense in zip(
+                got, dense_paint.painted(leaves, ratio * leaves.resolution), strict=True
+            ):
+                assert (blocks is None) == (dense is None)
+                if blocks is not None:
+                    np.testing.assert_array_equal(blocks.dense(), dense)
+                    values = blocks.pool[blocks.is_uniform, 0, 0, 0]
+                    assert len(np.unique(values)) == len(values)
 
 
 def assert_same(got, expected):
@@ -83,8 +146,11 @@ def test_leaves_of_any_width_fill_their_voxels(depth):
     width = 1 << (16 - depth)
     key = np.array([[0, 0, 0], [width, 0, width]], np.int32) + np.int32(128)
     leaves = leaf_map([Leaves(depth, key, np.array([1, 2], np.uint8))], 0.1, has_log_odds=False)
-    dense, log_odds = paint(leaves, canvas_for(leaves, 0.1))
+    blocks, log_odds = painted(leaves, 0.1)
     assert log_odds is None
+    # Nothing but the two values and the unknown.
+    assert len(blocks.pool) <= 3
+    dense = blocks.dense()
     assert dense.shape == (2 * width, width, 2 * width)
     assert (dense[:width, :, :width] == 1).all()
     assert (dense[width:, :, width:] == 2).all()
@@ -95,7 +161,7 @@ def test_leaves_beyond_one_piece_are_painted_too():
     states = np.random.default_rng(0).integers(1, 3, (50, 50, 50)).astype(np.uint8)
     key = np.argwhere(states).astype(np.int32)
     leaves = leaf_map([Leaves(16, key, states[tuple(key.T)])], 0.1, has_log_odds=False)
-    np.testing.assert_array_equal(paint(leaves, canvas_for(leaves, 0.1))[0], states)
+    np.testing.assert_array_equal(painted(leaves, 0.1)[0], states)
 
 
 def test_the_highest_log_odds_win_whichever_leaf_comes_first():
@@ -103,7 +169,7 @@ def test_the_highest_log_odds_win_whichever_leaf_comes_first():
     key = rng.permutation(np.argwhere(np.ones((6, 6, 6)))).astype(np.int32)
     value = rng.normal(-1, 1, len(key)).astype(np.float32)
     leaves = leaf_map([Leaves(16, key, value)], 0.1, has_log_odds=True)
-    states, log_odds = paint(leaves, canvas_for(leaves, 0.3))
+    states, log_odds = painted(leaves, 0.3)
     dense = np.empty((6, 6, 6), np.float32)
     dense[tuple(key.T)] = value
     # Voxel 0 is voxel -32768 of the frame, the second one of its cell.

@@ -18,7 +18,8 @@ class Budget(NamedTuple):
 
     Attributes:
         size: Length of the file [byte].
-        max_voxels: Largest dense grid, chosen by the caller; None for `MAX_VOXELS`, and for less from a small file.
+        max_voxels: Largest grid, chosen by the caller; None for `MAX_VOXELS`, and for less from a small file. Grids in
+            blocks have no other limit than the memory then.
     """
 
     size: int

@@ -64,10 +64,11 @@ def crop_grid(grid: VoxelGrid, crop: object) -> VoxelGrid:
     """
     corners = check_crop(crop)
     first, end = cells_within(corners, np.asarray(grid.origin, np.float64), grid.voxel_size, grid.shape)
-    part = grid.cut(first, end) if (end > first).all() else None
-    if part is None or not part.known_box()[1].any():
+    part = grid.cut(first, end) if (first < end).all() else grid.cut(first, first)
+    low, high = part.known_box()
+    if (low == high).all():
         raise nothing_within(corners, grid.extent)
-    return part.crop_to_known()
+    return part.cut(low, high)
 
 
 def nothing_within(crop: tuple[np.ndarray, np.ndarray], extent: tuple[np.ndarray, np.ndarray]) -> InputError:

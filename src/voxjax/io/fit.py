@@ -1,13 +1,19 @@
-"""Whether a map as leaves has room as a dense grid; where it has none, one sentence says what would help."""
+"""Whether a map as leaves has room as a grid in blocks; where it has none, one sentence says what would help."""
 
+import bisect
 import math
 
 from .._checks import InputError
 from .._types import OCCUPIED
+from ..ops.blocks.block_array import lattice_shape
+from .block_need import cutting_bytes, most_bytes, painting_bytes
 from .budget import Budget
+from .canvas import canvas_for
 from .leaf_strays import split_leaves, stray_bytes
 from .leaves import LeafMap
-from .paint import canvas_for
+
+MAX_BLOCKS = 2**31 - 1
+"""Most blocks of a box: rows of the table are counted in int32."""
 
 
 def check_fit(leaves: LeafMap, budget: Budget, voxel_size: float) -> None:
@@ -19,10 +25,11 @@ def check_fit(leaves: LeafMap, budget: Budget, voxel_size: float) -> None:
         voxel_size: Width of the grid's voxels [m].
 
     Raises:
-        InputError: If the grid has more voxels or takes more memory than the budget has.
+        InputError: If the grid has more voxels or takes more memory than the budget has, or has more blocks than are
+            counted.
     """
     shape = _shape_at(leaves, voxel_size)
-    excess = _excess(leaves, budget, shape)
+    excess = _excess(leaves, budget, voxel_size)
     if excess is None:
         return
     size = " x ".join(map(str, shape))
@@ -31,16 +38,20 @@ def check_fit(leaves: LeafMap, budget: Budget, voxel_size: float) -> None:
     raise InputError(f"{box} {excess}; {', or '.join(_ways_out(leaves, budget, voxel_size, shape))}")
 
 
-def dense_bytes(leaves: LeafMap, shape: tuple[int, ...]) -> float:
-    """Memory of a map as leaves and as a grid [byte]."""
-    return leaves.num_bytes + math.prod(shape) * (5.0 if leaves.has_log_odds else 1.0)
-
-
-def _excess(leaves: LeafMap, budget: Budget, shape: tuple[int, ...]) -> str | None:
+def _excess(leaves: LeafMap, budget: Budget, voxel_size: float) -> str | None:
     """What is too much about a grid, as the end of a main clause; None if it has room."""
-    if math.prod(shape) > budget.most_voxels:
-        return f"has more than the limit of {budget.most_voxels:,} voxels"
-    return budget.excess(dense_bytes(leaves, shape))
+    shape = _shape_at(leaves, voxel_size)
+    if budget.max_voxels is not None and math.prod(shape) > budget.max_voxels:
+        return f"has more than the limit of {budget.max_voxels:,} voxels"
+    if math.prod(lattice_shape(shape)) > MAX_BLOCKS:
+        return f"has more than {MAX_BLOCKS:,} blocks of 8 x 8 x 8 voxels"
+    # What is surely enough, or surely too much, is told without a look at the leaves.
+    excess = None
+    for need_of in (most_bytes, cutting_bytes, painting_bytes):
+        excess = budget.excess(need_of(leaves, voxel_size, shape))
+        if (excess is None) == (need_of is most_bytes):
+            break
+    return excess
 
 
 def _ways_out(leaves: LeafMap, budget: Budget, voxel_size: float, shape: tuple[int, ...]) -> list[str]:
@@ -49,43 +60,41 @@ def _ways_out(leaves: LeafMap, budget: Budget, voxel_size: float, shape: tuple[i
     # Whoever has no memory to look for isolated pieces has none to drop them either.
     if budget.excess(stray_bytes(leaves)) is None:
         rest, found = split_leaves(leaves)
-        rest_shape = _shape_at(rest, voxel_size)
-        # A piece beside a box that is large anyway is not what makes it so.
-        if len(found.distance) and 2 * math.prod(rest_shape) < math.prod(shape):
-            count, size = int(found.num_voxels.sum()), " x ".join(map(str, rest_shape))
+        # A piece beside a map that is large anyway is not what makes it so.
+        if len(found.distance) and _excess(rest, budget, voxel_size) is None:
+            count, size = int(found.num_voxels.sum()), " x ".join(map(str, _shape_at(rest, voxel_size)))
             voxels = "1 voxel" if count == 1 else f"{count:,} voxels"
             ways.append(
                 f"leave out its isolated pieces ({voxels} up to {found.distance[0]:.4g} m from the rest) "
                 f"with drop_isolated=True (--drop-isolated), so that the box is {size}"
             )
-    larger = _voxel_size_that_fits(leaves, budget, voxel_size, shape)
+    larger = _voxel_size_that_fits(leaves, budget, voxel_size)
     if larger is not None:
         ways.append(f"take voxel_size={larger:g} (--voxel-size {larger:g}), at which it fits")
     ways.append("cut it with crop= (--crop)")
-    if math.prod(shape) <= budget.most_voxels:
-        ways.append(budget.memory_advice)
-    elif budget.max_voxels is not None:
+    if budget.max_voxels is not None and math.prod(shape) > budget.max_voxels:
         ways.append("raise max_voxels if there is memory for it")
+    elif math.prod(lattice_shape(shape)) <= MAX_BLOCKS:
+        ways.append(budget.memory_advice)
     return ways
 
 
-def _voxel_size_that_fits(
-    leaves: LeafMap, budget: Budget, voxel_size: float, shape: tuple[int, ...]
-) -> float | None:
+def _voxel_size_that_fits(leaves: LeafMap, budget: Budget, voxel_size: float) -> float | None:
     """The smallest whole multiple of a voxel size [m] at which a grid has room; None if there is none."""
-    if voxel_size < leaves.resolution:
-        # Nobody needs voxels finer than those of the file, if these fit.
-        voxel_size = leaves.resolution
-        shape = leaves.shape
-    per_voxel = dense_bytes(leaves, (1,)) - leaves.num_bytes
-    room = min((budget.memory()[0] - leaves.num_bytes) / per_voxel, budget.most_voxels)
-    if room < 1:
-        return None
-    # A thin map shrinks by less than the cube of the factor, which is thus found from below.
-    factor = max(math.ceil((math.prod(shape) / room) ** (1 / 3)), 1)
-    while _excess(leaves, budget, _shape_at(leaves, factor * voxel_size)) is not None:
-        factor += 1
-    return factor * voxel_size
+    # Nobody needs voxels finer than those of the file, if these fit.
+    step = max(voxel_size, leaves.resolution)
+
+    def fits(factor: int) -> bool:
+        return _excess(leaves, budget, factor * step) is None
+
+    most = 1
+    while not fits(most):
+        # The leaves alone may be too many.
+        if max(_shape_at(leaves, most * step)) == 1:
+            return None
+        most *= 2
+    # A map takes less memory the larger its voxels are.
+    return step * (1 + bisect.bisect_left(range(1, most), True, key=fits))
 
 
 def _shape_at(leaves: LeafMap, voxel_size: float) -> tuple[int, ...]:

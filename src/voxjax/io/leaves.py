@@ -124,9 +124,10 @@ class LeafMap(NamedTuple):
         if not levels:
             nothing = np.full(3, NUM_KEYS // 2, np.int64)
             return self._replace(levels=[], low=nothing, high=nothing)
-        low = np.min([level.key.min(axis=0) for level in levels], axis=0)
+        # Axis by axis, for NumPy takes ten times as long for a list of rows of three.
+        low = np.min([[along.min() for along in level.key.T] for level in levels], axis=0)
         # Leaves of one level are equally wide, so the highest key of each level tells where that level ends.
-        high = np.max([level.key.max(axis=0) + level.width for level in levels], axis=0)
+        high = np.max([[along.max() + level.width for along in level.key.T] for level in levels], axis=0)
         return self._replace(levels=levels, low=np.maximum(low, self.low), high=np.minimum(high, self.high))
 
 

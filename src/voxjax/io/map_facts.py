@@ -1,4 +1,4 @@
-"""What a map holds, in figures: of a dense grid, or of leaves, whose box is never made for that."""
+"""What a map holds, in figures: of a grid, or of leaves, of which no grid is made for that."""
 
 import math
 from typing import NamedTuple
@@ -44,7 +44,7 @@ class MapFacts(NamedTuple):
 
 
 def facts_of_grid(grid: VoxelGrid) -> MapFacts:
-    """Figures of a dense grid."""
+    """Figures of a grid."""
     counts = grid.num_occupied, grid.num_free
     return MapFacts(grid.voxel_size, grid.shape, *grid.extent, *counts, grid.has_log_odds)
 

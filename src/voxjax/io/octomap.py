@@ -15,15 +15,18 @@ from .._runtime.memory import check_memory
 from .._types import OCCUPIED, UNKNOWN
 from ..grid import VoxelGrid
 from ..maps.isolated import IsolatedPieces
+from ..ops.blocks.block_array import BlockBuilder
 from .budget import Budget
+from .canvas import canvas_for
 from .crop import check_crop, nothing_within
 from .fit import check_fit
+from .leaf_parts import cut_leaves
 from .leaf_strays import split_leaves, stray_bytes
 from .leaves import DEPTH, NUM_KEYS, LeafMap
 from .octomap_header import BINARY_LINE, FULL_LINE, write_header
 from .octomap_leaves import PLAIN_NODE, leaves_of_bt, leaves_of_ot
 from .octree import INNER, TreeLevel, children_of, pre_order, prune
-from .paint import canvas_for, paint
+from .paint import paint
 
 # What OctoMap gives to the leaves of a binary file: its clamping thresholds, probabilities 0.971 and 0.1192.
 LOG_ODDS_OCCUPIED = np.float32(math.log(0.971 / 0.029))
@@ -41,8 +44,8 @@ def decode_bt(
 ) -> VoxelGrid:
     """Read the bytes of a `.bt` file; the grid is the bounding box of the known voxels, without log-odds.
 
-    What is asked for is done to the leaves of the tree, and the result alone is dense: it is that of reading all voxels
-    and, in this order, of `crop.crop_grid`, `strays.without_strays` and `VoxelGrid.with_voxel_size`.
+    What is asked for is done to the leaves of the tree, which go straight into blocks: the result is that of reading
+    all voxels and, in this order, of `crop.crop_grid`, `strays.without_strays` and `VoxelGrid.with_voxel_size`.
 
     Args:
         data: The whole file.
@@ -51,7 +54,7 @@ def decode_bt(
         drop_isolated: Whether isolated far pieces are left out.
         note: Called with the isolated pieces in metres (`leaf_strays.split_leaves`), none of them or dropped ones too,
             before anything is refused for its size. Without it, and without `drop_isolated`, nobody looks.
-        max_voxels: Largest grid; None for what a file of this size can need.
+        max_voxels: Largest box; None for no limit but the memory that a file of this size can need.
 
     Raises:
         InputError: If the bytes are no whole binary OctoMap file, nothing lies in the crop, or what is asked for has
@@ -129,13 +132,12 @@ def _painted(leaves: LeafMap, budget: Budget, voxel_size: float | None) -> Voxel
     """The grid of a map's leaves; one unknown voxel for a map that has none."""
     voxel_size = leaves.resolution if voxel_size is None else check_voxel_size(voxel_size)
     if not leaves.levels:
-        unknown = np.zeros((1, 1, 1), np.uint8)
-        return VoxelGrid(
-            unknown, np.zeros(3), voxel_size, unknown.astype(np.float32) if leaves.has_log_odds else None
-        )
+        kinds = (np.uint8, np.float32) if leaves.has_log_odds else (np.uint8,)
+        states, *log_odds = (BlockBuilder((1, 1, 1), kind).finish() for kind in kinds)
+        return VoxelGrid(states, np.zeros(3), voxel_size, *log_odds)
     check_fit(leaves, budget, voxel_size)
     canvas = canvas_for(leaves, voxel_size)
-    states, log_odds = paint(leaves, canvas)
+    states, log_odds = paint(cut_leaves(leaves, canvas), canvas)
     return VoxelGrid(states, canvas.origin, voxel_size, log_odds)
 
 

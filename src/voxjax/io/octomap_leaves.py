@@ -41,7 +41,7 @@ def leaves_of_bt(data: bytes, budget: Budget | None = None) -> LeafMap:
     budget.check(walk, "the tree in the file")
     tables = _word_tables()
     num_leaves = tables.num_leaves[words]
-    listing = 24 * len(words) + 14 * int(num_leaves.sum(dtype=np.int64)) + 4_000_000
+    listing = 24 * len(words) + 14 * int(num_leaves.sum(dtype=np.int64)) + 500_000
     budget.check(max(walk, listing), "the tree in the file")
     # Leaves stand in the word of their parent, so that inner nodes alone have records to walk.
     levels = walk_levels(tables.inner_mask[words])
@@ -142,11 +142,14 @@ def _leaf_children(
     keys, values, end = np.empty((count, 3), np.int32), np.empty(count, np.uint8), 0
     # Some records at a time: the places of leaves among all codes take more memory than the leaves.
     for start in range(0, len(record), step):
-        part = _codes_of(words[record[start : start + step]])
-        row, child = np.nonzero((part == FREE) | (part == OCCUPIED))
-        begin, end = end, end + len(row)
-        np.add(key[start : start + step][row], offsets[child], out=keys[begin:end])
-        values[begin:end] = part[row, child]
+        word, parent = words[record[start : start + step]], key[start : start + step]
+        for child, offset in enumerate(offsets):
+            code = (word >> np.uint16(2 * child)).astype(np.uint8) & np.uint8(3)
+            # Of the codes 0 to 3, those of leaves are 1 and 2: less one, 0 becomes 255.
+            has = np.flatnonzero(code - np.uint8(1) < 2)
+            begin, end = end, end + len(has)
+            np.add(parent[has], offset, out=keys[begin:end])
+            np.take(code, has, out=values[begin:end])
     return Leaves(depth, keys, values)
 
 

@@ -1,137 +1,138 @@
-"""Leaves painted into a dense grid of their own voxels, or of larger or smaller ones, which are never made in between.
+"""Leaves painted into blocks of their own voxels, or of larger or smaller ones, which are never made in between.
 
-The result is that of painting the fine voxels and bringing them to the voxel size with `ops.resampling.rescale`. Time
-follows the leaves and the cells that they fill; of the memory of the box, only what leaves fill is touched.
+The result is that of painting the fine voxels into a dense array of the box and bringing it to the voxel size with
+`ops.resampling.rescale`. Time and memory follow the leaves and the blocks that they fill in part; what a wide leaf
+fills as a whole is entries of a table that share one block.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from .._types import UNKNOWN
-from ..ops.resampling.lattice import origin_of_cell
-from ..ops.resampling.rescale import plan_axis
-from .leaves import NUM_KEYS, LeafMap, Leaves, pieces
+from .._types import FREE, OCCUPIED, UNKNOWN
+from ..ops.blocks.block_array import BLOCK_VOXELS, BlockArray, BlockBuilder, lattice_shape
+from ..ops.blocks.words import BLOCK
+from .canvas import Canvas
+from .leaf_parts import CutLeaves, Parts
+
+BLOCKS_AT_ONCE = 1 << 15
+"""Blocks that are painted before the next ones are begun: less than a hundred megabytes."""
 
 
-class Canvas(NamedTuple):
-    """The grid that leaves are painted into.
+class _Painting(NamedTuple):
+    """Blocks that are being painted.
 
     Attributes:
-        shape: Number of cells along x, y, z.
-        origin: float64 (3,) [m]: outer corner of its lowest cell.
-        voxel_size: Width of a cell [m].
-        first: For each axis, int32: the first cell that voxel i of the map's window reaches.
-        end: For each axis, int32: one past the last.
-        is_shared: Whether several leaves may fill one cell.
-        is_own: Whether the cells are the voxels of the map's window.
+        states: uint8 (n, 8, 8, 8).
+        log_odds: float32 (n, 8, 8, 8), or None.
     """
 
-    shape: tuple[int, int, int]
-    origin: np.ndarray
-    voxel_size: float
-    first: list[np.ndarray]
-    end: list[np.ndarray]
-    is_shared: bool
-    is_own: bool
+    states: np.ndarray
+    log_odds: np.ndarray | None
 
 
-def canvas_for(leaves: LeafMap, voxel_size: float) -> Canvas:
-    """Where the leaves of a map go.
-
-    Args:
-        leaves: The map.
-        voxel_size: Width of a cell [m].
-    """
-    base = leaves.low - NUM_KEYS // 2
-    lows, firsts, ends, shape = [], [], [], []
-    for axis, count in enumerate(leaves.shape):
-        low, source, is_coarser = plan_axis(float(base[axis]), count, leaves.resolution / voxel_size)
-        voxels = np.arange(count)
-        # Coarser: `source` has the first voxel of each cell, so that a voxel's cell is the last one begun by then.
-        # Finer: it has the voxel of each cell, in ascending order.
-        first = (
-            np.searchsorted(source, voxels, "right") - 1 if is_coarser else np.searchsorted(source, voxels)
-        )
-        end = first + 1 if is_coarser else np.searchsorted(source, voxels, "right")
-        lows.append(low)
-        firsts.append(first.astype(np.int32))
-        ends.append(end.astype(np.int32))
-        shape.append(len(source))
-    return Canvas(
-        tuple(shape),
-        origin_of_cell(np.array(lows), voxel_size),
-        voxel_size,
-        firsts,
-        ends,
-        is_shared=leaves.resolution < voxel_size,
-        is_own=leaves.resolution == voxel_size,
-    )
-
-
-def paint(leaves: LeafMap, canvas: Canvas) -> tuple[np.ndarray, np.ndarray | None]:
+def paint(cut: CutLeaves, canvas: Canvas) -> tuple[BlockArray, BlockArray | None]:
     """Write the leaves of a map into a grid.
 
     Args:
-        leaves: The map.
-        canvas: Where its leaves go.
+        cut: The leaves, cut at the borders of the grid's blocks.
+        canvas: The grid.
 
     Returns:
         States uint8 (x, y, z): occupied where any leaf of a cell is, else free where any is, else unknown; and the
         highest log-odds of the leaves of a cell, float32, 0 where there is none, or None for a map without.
     """
-    states = np.zeros(canvas.shape, np.uint8)
-    log_odds = np.zeros(canvas.shape, np.float32) if leaves.has_log_odds else None
-    for level in leaves.levels:
-        for piece in pieces(level):
-            # Of leaves that are written together and share a cell the last one stays: that with the largest value.
-            ordered = piece.where(np.argsort(piece.value)) if canvas.is_shared else piece
-            _fill(states, log_odds, leaves, canvas, ordered)
-    return states, log_odds
+    has_log_odds = cut.parts.value.dtype != np.uint8
+    kinds = (np.uint8, np.float32) if has_log_odds else (np.uint8,)
+    # Blocks with parts differ at most, beside one for each value that fills whole blocks.
+    most = [len(cut.block) + 2, len(cut.block) + len(cut.boxes.value)]
+    builders = [
+        BlockBuilder(canvas.shape, kind, capacity=count) for kind, count in zip(kinds, most, strict=False)
+    ]
+    _fill_boxes(cut, builders)
+    index = np.stack(np.unravel_index(cut.block, lattice_shape(canvas.shape)), axis=1)
+    # Cells that several leaves share may also belong to a block that one of them fills.
+    begun = [builder.levels_at(index) for builder in builders] if len(cut.boxes.value) else None
+    for start, parts in _groups_of_rows(cut.parts, len(index), BLOCKS_AT_ONCE):
+        rows = slice(start, min(start + BLOCKS_AT_ONCE, len(index)))
+        painting = [np.zeros((rows.stop - rows.start, BLOCK, BLOCK, BLOCK), kind) for kind in kinds]
+        if begun is not None:
+            for blocks, levels in zip(painting, begun, strict=True):
+                blocks[:] = levels[rows, None, None, None]
+        _paint_parts(_Painting(painting[0], painting[1] if has_log_odds else None), parts, canvas)
+        for builder, blocks in zip(builders, painting, strict=True):
+            builder.add(index[rows], blocks)
+    finished = [builder.finish() for builder in builders]
+    return finished[0], finished[1] if has_log_odds else None
 
 
-def _fill(
-    states: np.ndarray, log_odds: np.ndarray | None, leaves: LeafMap, canvas: Canvas, level: Leaves
-) -> None:
-    """Write some leaves of one width.
+def _fill_boxes(cut: CutLeaves, builders: list[BlockBuilder]) -> None:
+    """Write what fills whole blocks; boxes of one size together."""
+    low, size, value = cut.boxes
+    if not len(value):
+        return
+    code = np.ravel_multi_index(tuple(size.T), tuple((size.max(axis=0) + 1).tolist()))
+    for chosen in _groups(np.asarray(code)):
+        values = [_states_of(value[chosen]), value[chosen]]
+        for builder, some in zip(builders, values, strict=False):
+            builder.put_boxes(low[chosen], tuple(size[chosen[0]].tolist()), some)
 
-    Args:
-        states: uint8 (x, y, z).
-        log_odds: float32 (x, y, z), or None.
-        leaves: The map, whose window cuts the leaves.
-        canvas: Where voxels go.
-        level: The leaves, in the order of their values if they share cells.
-    """
-    first, size = _cells(leaves, canvas, level)
-    state = level.states()
-    for chosen in _groups(size):
-        shape = tuple(int(along[chosen[0]]) for along in size)
+
+def _groups_of_rows(parts: Parts, num_rows: int, step: int) -> list[tuple[int, Parts]]:
+    """Parts by their blocks, `step` of these at a time: the first block, and the parts, counted from it on."""
+    if num_rows <= step:
+        return [(0, parts)]
+    order = np.argsort(parts.cell)
+    starts = range(0, num_rows, step)
+    ends = np.searchsorted(parts.cell, BLOCK_VOXELS * np.array([*starts, num_rows]), sorter=order)
+    groups = []
+    for start, begin, end in zip(starts, ends, ends[1:], strict=False):
+        part = parts.where(order[begin:end])
+        groups.append((start, part._replace(cell=part.cell - BLOCK_VOXELS * start)))
+    return groups
+
+
+def _paint_parts(painting: _Painting, parts: Parts, canvas: Canvas) -> None:
+    """Write parts of leaves into blocks; those of one size together."""
+    # Most parts are single cells; to sort the others is enough.
+    is_one = parts.size == 0
+    rest = np.flatnonzero(~is_one)
+    for chosen in (np.flatnonzero(is_one), *(rest[group] for group in _groups(parts.size[rest]))):
+        if not len(chosen):
+            continue
+        size = int(parts.size[chosen[0]])
+        shape = ((size >> 6) + 1, (size >> 3 & 7) + 1, (size & 7) + 1)
+        some = parts.where(chosen)
         # What is read before it is written is a copy of all boxes, which may be large.
-        step = max((1 << 20) // math.prod(shape), 1) if canvas.is_shared else len(chosen)
+        step = 1 << 14 if canvas.is_shared else len(chosen)
         for start in range(0, len(chosen), step):
-            rows = chosen[start : start + step]
-            at, new, new_odds = tuple(along[rows] for along in first), state[rows], level.value[rows]
-            # In boxes of few cells, a loop over these is faster than one over boxes.
-            if math.prod(shape) <= 8:
-                flat = states.reshape(-1), None if log_odds is None else log_odds.reshape(-1)
-                for index in _flat_cells(at, shape, canvas.shape):
-                    _write(*flat, index, new, new_odds, is_shared=canvas.is_shared)
-            else:
-                _write(
-                    sliding_window_view(states, shape, writeable=True),
-                    None if log_odds is None else sliding_window_view(log_odds, shape, writeable=True),
-                    at,
-                    new[:, None, None, None],
-                    new_odds[:, None, None, None],
-                    is_shared=canvas.is_shared,
-                )
+            piece = some.where(slice(start, start + step))
+            # Of parts that are written together and share a cell the last one stays: that with the largest value.
+            piece = piece.where(np.argsort(piece.value)) if canvas.is_shared else piece
+            _paint_group(painting, piece, shape, is_shared=canvas.is_shared)
+
+
+def _paint_group(painting: _Painting, parts: Parts, shape: tuple[int, int, int], *, is_shared: bool) -> None:
+    """Write parts of one size."""
+    states, odds, log_odds = _states_of(parts.value), parts.value, painting.log_odds
+    # In boxes of few cells, a loop over these is faster than one over boxes.
+    if shape[0] * shape[1] * shape[2] <= BLOCK:
+        flat = _Painting(painting.states.reshape(-1), None if log_odds is None else log_odds.reshape(-1))
+        for x, y, z in np.ndindex(*shape):
+            _write(flat, parts.cell + (x << 6 | y << 3 | z), states, odds, is_shared=is_shared)
+        return
+
+    def windows(blocks: np.ndarray) -> np.ndarray:
+        return sliding_window_view(blocks, shape, axis=(1, 2, 3), writeable=True)
+
+    views = _Painting(windows(painting.states), None if log_odds is None else windows(log_odds))
+    place = np.unravel_index(parts.cell, painting.states.shape)
+    _write(views, place, states[:, None, None, None], odds[:, None, None, None], is_shared=is_shared)
 
 
 def _write(
-    states: np.ndarray,
-    log_odds: np.ndarray | None,
+    painting: _Painting,
     index: np.ndarray | tuple[np.ndarray, ...],
     new: np.ndarray,
     new_odds: np.ndarray,
@@ -141,13 +142,13 @@ def _write(
     """Write values to some cells, or boxes of cells.
 
     Args:
-        states: Cells, or boxes of them.
-        log_odds: The same of log-odds, or None.
+        painting: Cells, or boxes of them.
         index: Which of them.
         new: States for these.
         new_odds: Log-odds for these, if there are any.
         is_shared: Whether the larger value of what is there and what is new is kept.
     """
+    states, log_odds = painting
     if is_shared:
         old = states[index]
         new = np.maximum(old, new)
@@ -159,51 +160,12 @@ def _write(
         log_odds[index] = new_odds
 
 
-def _cells(leaves: LeafMap, canvas: Canvas, level: Leaves) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """First cell of each leaf, and how many it fills: for each axis, (n,) integers."""
-    if level.width == 1 and (canvas.is_own or canvas.is_shared):
-        # Voxels, which most leaves are, lie in the window and in a single cell.
-        first = [level.key[:, axis] - np.int32(leaves.low[axis]) for axis in range(3)]
-        if canvas.is_shared:
-            first = [cells[places] for cells, places in zip(canvas.first, first, strict=True)]
-        return first, [np.broadcast_to(np.int32(1), len(level.key))] * 3
-    low, high = leaves.boxes(level)
-    first, size = [], []
-    for axis in range(3):
-        begin, end = low[:, axis] - leaves.low[axis], high[:, axis] - leaves.low[axis]
-        if not canvas.is_own:
-            begin, end = canvas.first[axis][begin], canvas.end[axis][end - 1]
-        first.append(begin)
-        size.append(end - begin)
-    return first, size
+def _states_of(value: np.ndarray) -> np.ndarray:
+    """States of leaves, as `Leaves.states` has them."""
+    return value if value.dtype == np.uint8 else np.where(value >= 0, OCCUPIED, FREE)
 
 
-def _flat_cells(
-    first: tuple[np.ndarray, ...], shape: tuple[int, ...], dense: tuple[int, ...]
-) -> list[np.ndarray]:
-    """Flat indices of boxes of one size: for each cell of a box, those of this cell in all boxes.
-
-    Args:
-        first: For each axis, (n,): lowest cell of each box.
-        shape: Size of the boxes.
-        dense: Shape of the array that they lie in.
-    """
-    strides = np.array([dense[1] * dense[2], dense[2], 1])
-    start = np.ravel_multi_index(first, dense)
-    return [start + np.dot(offset, strides) for offset in np.ndindex(*shape)]
-
-
-def _groups(size: list[np.ndarray]) -> list[np.ndarray]:
-    """Numbers of boxes of one size, for each size that there is, in the order of the boxes.
-
-    Boxes of one width differ where the window cuts them, and by a cell where the ratio of the voxel sizes is no whole
-    number.
-
-    Args:
-        size: For each axis, (n,): how many cells each box has along it.
-    """
-    code = np.ravel_multi_index(size, tuple(int(along.max()) + 1 for along in size))
-    if (code == code[0]).all():
-        return [np.arange(len(code))]
+def _groups(code: np.ndarray) -> list[np.ndarray]:
+    """Places of equal numbers, for each number that there is, in ascending order."""
     order = np.argsort(code, kind="stable")
     return np.split(order, np.flatnonzero(np.diff(code[order])) + 1)

@@ -141,3 +141,30 @@ def test_a_list_that_memory_does_not_hold_is_refused(monkeypatch):
     monkeypatch.setenv("VOXJAX_MEMORY", "0.1")
     with pytest.raises(InputError, match="list of 4,741,632 voxels"):
         blocks.where(2)
+
+
+def test_boxes_of_blocks_of_one_value_are_put_at_once():
+    builder = BlockBuilder((64, 64, 60), np.float32)
+    builder.put_boxes(np.array([[0, 0, 0], [4, 1, 3]]), (3, 2, 2), np.array([1.5, -2.0], np.float32))
+    places = np.array([[2, 1, 1], [6, 2, 4], [3, 0, 0]])
+    assert builder.levels_at(places).tolist() == [1.5, -2.0, 0.0]
+    blocks = builder.finish()
+    check_invariants(blocks)
+    expected = np.zeros((64, 64, 60), np.float32)
+    expected[:24, :16, :16], expected[32:56, 8:24, 24:40] = 1.5, -2.0
+    np.testing.assert_array_equal(blocks.dense(), expected)
+
+
+@pytest.mark.parametrize("capacity", [0, 2, 5, 100])
+def test_a_builder_takes_more_blocks_than_it_was_told_of(capacity):
+    rng = np.random.default_rng(0)
+    dense = rng.integers(0, 3, (16, 24, 8)).astype(np.uint8)
+    dense[:8, :8] = 1
+    builder = BlockBuilder(dense.shape, np.uint8, capacity=capacity)
+    for index in np.ndindex(2, 3, 1):
+        x, y, z = (8 * n for n in index)
+        builder.add(np.array([index]), dense[None, x : x + 8, y : y + 8, z : z + 8])
+    blocks = builder.finish()
+    check_invariants(blocks)
+    assert len(blocks.pool) == 7
+    np.testing.assert_array_equal(blocks.dense(), dense)

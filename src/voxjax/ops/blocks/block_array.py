@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Int, Int32, Shaped
+from numpy.lib.stride_tricks import sliding_window_view
 
 from ..._checks import InputError
 from ..._runtime.memory import check_memory
@@ -64,12 +65,7 @@ class BlockArray(eqx.Module):
     @cached_property
     def uses(self) -> Int[np.ndarray, "n"]:
         """How many blocks of the box each row of the pool stands for."""
-        flat, counts = np.asarray(self.table).reshape(-1), np.zeros(len(self.pool), np.int64)
-        # A part of the table at a time: it is brought to int64 for this.
-        step = max(1 << 20, len(counts))
-        for start in range(0, len(flat), step):
-            counts += np.bincount(flat[start : start + step], minlength=len(counts))
-        return counts
+        return np.bincount(np.asarray(self.table).reshape(-1), minlength=len(self.pool))
 
     def __array__(self, dtype: np.typing.DTypeLike | None = None, copy: bool | None = None) -> np.ndarray:
         """The dense array, as NumPy asks for it."""
@@ -220,12 +216,14 @@ def lattice_shape(shape: tuple[int, ...]) -> Shape:
 class BlockBuilder:
     """A `BlockArray` that is put together from blocks, in any order, each block of the box once at most."""
 
-    def __init__(self, shape: tuple[int, ...], dtype: np.typing.DTypeLike) -> None:
+    def __init__(self, shape: tuple[int, ...], dtype: np.typing.DTypeLike, *, capacity: int = 0) -> None:
         """Begin with zeros everywhere.
 
         Args:
             shape: Number of voxels along x, y, z.
             dtype: Kind of number that a voxel holds.
+            capacity: How many different blocks there will be at most, where that is known: they are then written where
+                they stay, and what is not written takes no memory.
 
         Raises:
             InputError: If the box has more blocks than int32 counts.
@@ -240,8 +238,10 @@ class BlockBuilder:
             )
         self._shape: Shape = tuple(int(n) for n in shape)  # pyright: ignore[reportAttributeAccessIssue]
         self._table = reserve(num_blocks, dtype=np.int32).reshape(lattice)
-        self._rows = [np.zeros((1, BLOCK, BLOCK, BLOCK), dtype)]
-        self._row_of = {self._rows[0].dtype.type(0).tobytes(): 0}
+        # Row 0 is all zeros.
+        self._pool = reserve(capacity + 1, BLOCK, BLOCK, BLOCK, dtype=dtype)
+        self._more: list[np.ndarray] = []
+        self._row_of = {self._pool.dtype.type(0).tobytes(): 0}
         self._length = 1
 
     def add(self, index: Int[np.ndarray, "m 3"], blocks: Shaped[np.ndarray, "m 8 8 8"]) -> None:
@@ -253,7 +253,7 @@ class BlockBuilder:
         """
         if not len(index):
             return
-        blocks = self._cut(index, np.ascontiguousarray(blocks, self._rows[0].dtype))
+        blocks = self._cut(index, np.ascontiguousarray(blocks, self._pool.dtype))
         level = is_uniform(blocks)
         rows = np.empty(len(blocks), np.int32)
         rows[level] = self._rows_of_values(blocks[level, 0, 0, 0])
@@ -277,9 +277,26 @@ class BlockBuilder:
             index, values = index[~reaches_out], values[~reaches_out]
         self._table[tuple(np.asarray(index).T)] = self._rows_of_values(np.asarray(values))
 
+    def put_boxes(self, low: Int[np.ndarray, "m 3"], size: Shape, values: Shaped[np.ndarray, " m"]) -> None:
+        """Put boxes of blocks of one value, which lie in the box as a whole, each voxel of them.
+
+        Args:
+            low: Lowest place of each in the table.
+            size: Number of blocks along x, y, z, the same for all.
+            values: Value of all voxels of each.
+        """
+        rows = self._rows_of_values(np.asarray(values))[:, None, None, None]
+        sliding_window_view(self._table, size, writeable=True)[tuple(np.asarray(low).T)] = rows
+
+    def levels_at(self, index: Int[np.ndarray, "m 3"]) -> Shaped[np.ndarray, " m"]:
+        """Values of blocks as long as all that was put has one value each; 0 where nothing was."""
+        values = np.concatenate([rows[:, 0, 0, 0] for rows in (self._pool, *self._more)])
+        return values[self._table[tuple(np.asarray(index).T)]]
+
     def finish(self) -> BlockArray:
         """The array; the builder is not used any more."""
-        return BlockArray(self._table, np.concatenate(self._rows), self._shape)
+        pool = np.concatenate([self._pool, *self._more]) if self._more else self._pool[: self._length]
+        return BlockArray(self._table, pool, self._shape)
 
     def _rows_of_values(self, values: np.ndarray) -> Int32[np.ndarray, " m"]:
         different, at = np.unique(values, return_inverse=True)
@@ -293,7 +310,13 @@ class BlockBuilder:
         return self._row_of[key]
 
     def _append(self, blocks: np.ndarray) -> None:
-        self._rows.append(blocks)
+        room = 0 if self._more else len(self._pool) - self._length
+        if len(blocks) <= room:
+            self._pool[self._length : self._length + len(blocks)] = blocks
+        else:
+            # Rows follow each other without a gap.
+            self._pool = self._pool[: self._length] if not self._more else self._pool
+            self._more.append(blocks)
         self._length += len(blocks)
 
     def _cut(self, index: np.ndarray, blocks: np.ndarray) -> np.ndarray:
