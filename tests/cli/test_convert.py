@@ -27,6 +27,25 @@ def test_a_map_is_never_converted_in_place(maps):
     assert read_map("m1.npz").equals(cube_map(0).with_voxel_size(1.0))
 
 
+def test_a_store_is_written_and_read_like_a_file(maps, capsys):
+    assert main(["convert", "m0.npz", "a.zarr"]) == 0
+    assert main(["convert", "m1.npz", "a.zarr"]) == 2
+    assert "a.zarr exists already; use --force" in one_line(capsys)
+    assert main(["convert", "a.zarr", "a.zarr", "--force"]) == 2
+    assert "a.zarr is one of the inputs" in one_line(capsys)
+    assert main(["convert", "a.zarr", "b.npz"]) == 0
+    assert Path("b.npz").read_bytes() == Path("m0.npz").read_bytes()
+    assert main(["convert", "m1.npz", "a.zarr", "--force"]) == 0
+    assert read_map("a.zarr").equals(cube_map(1))
+    assert sorted(path.name for path in Path().iterdir()) == sorted([*maps, "a.zarr", "b.npz"])
+
+
+def test_a_store_without_its_extra_is_refused_at_once(maps, capsys, monkeypatch):
+    monkeypatch.setattr("voxjax.io.zarr_reading.find_spec", lambda name: None)
+    assert main(["convert", "gone.npz", "a.zarr"]) == 2
+    assert "voxjax[zarr]" in one_line(capsys)
+
+
 def test_devices_are_no_outputs_even_with_force(maps, capsys):
     Path("full.bt").symlink_to("/dev/full")
     for name, words in (("/dev/full", "the ending must be"), ("full.bt", "full.bt is a device or a pipe")):

@@ -37,6 +37,21 @@ def test_merge_writes_all_outputs_and_exits_with_0(monkeypatch, maps, capsys):
     assert "m1.npz: x 1.000, y -2.000, z 0.000 m" in shown.out
 
 
+def test_stores_are_merged_into_a_store_that_appears_with_the_other_files(monkeypatch, maps, capsys):
+    fake_register(monkeypatch)
+    for name in maps:
+        assert main(["convert", name, name.replace(".npz", ".zarr")]) == 0
+    stores = [name.replace(".npz", ".zarr") for name in maps]
+    assert main(["merge", *maps, "-o", "out.npz", "-q"]) == 0
+    assert main(["merge", *stores, "-o", "out.zarr", "--report", "r.json", "-q"]) == 0
+    assert read_map("out.zarr") == read_map("out.npz")
+    kept = sorted(path.name for path in Path().iterdir())
+    assert kept == sorted([*maps, *stores, "out.npz", "out.zarr", "r.json"])
+    Path("work.zarr").mkdir()
+    assert main(["merge", *stores, "-o", "work.zarr", "-q", "--force"]) == 2
+    assert "work.zarr is a folder without a file zarr.json" in capsys.readouterr().err
+
+
 @pytest.mark.skipif(find_spec("viser") is None, reason="needs the extra voxjax[view]")
 def test_the_page_is_written_with_the_map(monkeypatch, maps):
     fake_register(monkeypatch)

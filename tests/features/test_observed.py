@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from block_maps import turned_map, ways
 from corner_rooms import SIZE, TURNS, room_grid
 from oracles import box_room
 from voxjax.features.observed import observe_corners
@@ -27,3 +28,20 @@ def test_the_middle_of_a_wall_is_no_corner():
     position, _, _ = box_room.true_corners()
     between = (position[:1] + position[1:2]) / 2 * SIZE + shift
     assert len(observe_corners(grid, between, np.eye(3)[None]).row) == 0
+
+
+def test_corners_are_seen_in_tiles_and_blocks_as_in_the_whole_box(monkeypatch):
+    grid, rng = turned_map(), np.random.default_rng(0)
+    low, high = grid.extent
+    # Some points lie beyond the box, whose patches reach into it.
+    position = rng.uniform(low - 0.6, high + 0.6, (3000, 3))
+    normals = np.linalg.qr(rng.normal(size=(3000, 3, 3)))[0]
+    # Low bounds: nearly everything counts as some corner, with the share of its faces that was seen.
+    bounds = {"min_seen": 0.02, "max_beyond": 0.9}
+    first, *others = (observe_corners(each, position, normals, **bounds) for each in ways(grid, monkeypatch))
+    assert len(np.unique(first.row)) > 300
+    found = position[first.row]
+    assert ((found < low) | (found > high)).any()
+    for other in others:
+        for one, two in zip(first, other, strict=True):
+            np.testing.assert_array_equal(one, two)

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 import voxjax as vx
+from block_maps import in_blocks
 from small_worlds import draw_map
 from voxjax.maps.main_part import main_part
 
@@ -50,3 +51,26 @@ def test_a_stray_in_a_corner_of_the_wider_box_is_taken_out():
     assert count == 1
     assert part.num_occupied == 64
     assert part.shape == (4, 4, 4)
+
+
+@pytest.mark.parametrize("has_log_odds", [False, True])
+def test_strays_are_cut_off_a_map_in_blocks_as_off_a_dense_one(has_log_odds):
+    # One stray far away, and one in a corner of the wider box.
+    grid = with_stray(draw_map(voxel_size=0.3), [900, 10, 10], [-40, -40, -40])
+    log_odds = None
+    if has_log_odds:
+        log_odds = np.random.default_rng(0).normal(size=grid.shape).astype(np.float32)
+    grid = vx.VoxelGrid(grid.states, grid.origin, grid.voxel_size, log_odds)
+    (expected, count), (found, also) = main_part(grid), main_part(in_blocks(grid))
+    assert count == also == 2
+    assert found.is_sparse
+    assert not expected.is_sparse
+    assert found.equals(expected)
+    if has_log_odds:
+        assert (np.asarray(found.log_odds)[np.asarray(found.states) == 0] == 0).all()
+        assert np.count_nonzero(np.asarray(found.log_odds)) == np.count_nonzero(found.states)
+
+
+def test_a_map_in_blocks_without_strays_is_the_same_object():
+    grid = in_blocks(draw_map(voxel_size=0.3))
+    assert main_part(grid)[0] is grid

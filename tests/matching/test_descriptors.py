@@ -1,6 +1,8 @@
+import jax
 import numpy as np
 import pytest
 
+from block_maps import turned_map, ways
 from compilations import assert_compiles_nothing
 from device_path import device_path
 from voxjax import InputError, VoxelGrid
@@ -141,3 +143,15 @@ def test_unusable_requests_are_refused_in_a_sentence(room):
         describe_map(room, spacing=-1.0)
     with pytest.raises(InputError, match="same spacing"):
         match_descriptors(describe_map(room).levels[0], describe_map(room).levels[1])
+
+
+@pytest.mark.parametrize("use_free_space", [True, False])
+def test_descriptors_are_the_same_in_blocks_and_in_tiles(use_free_space, monkeypatch):
+    first, *others = (
+        describe_map(each, use_free_space=use_free_space) for each in ways(turned_map(), monkeypatch)
+    )
+    assert len(first.levels) == 2
+    for other in others:
+        assert other.side == first.side
+        for one, two in zip(jax.tree.leaves(first), jax.tree.leaves(other), strict=True):
+            np.testing.assert_array_equal(one, two)

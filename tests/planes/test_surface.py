@@ -1,10 +1,16 @@
-"""Which elements of a surface touch."""
+"""Which elements of a surface touch, and the surface of maps in blocks and tiles."""
+
+import dataclasses
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.ops.blocks.boxes import random_boxes
 
-from voxjax.planes.surface import neighbour_pairs
+from block_maps import turned_map, ways
+from voxjax import VoxelGrid
+from voxjax.planes.surface import find_surface, neighbour_pairs
 
 
 @settings(max_examples=25, deadline=None)
@@ -14,3 +20,17 @@ def test_pairs_are_all_voxels_that_touch(seed, share):
     ours = {tuple(pair) for pair in neighbour_pairs(index).tolist()}
     gap = np.abs(index[:, None] - index[None]).max(axis=2) if len(index) else np.zeros((0, 0))
     assert ours == {(i, j) for i, j in np.argwhere(gap == 1).tolist() if i < j}
+
+
+@pytest.mark.parametrize("kind", ["building", "boxes", "cloud"])
+def test_the_surface_is_the_same_in_blocks_and_in_tiles(kind, monkeypatch):
+    grid = turned_map()
+    if kind == "boxes":
+        grid = VoxelGrid(random_boxes((150, 70, 90), seed=2), np.zeros(3), 0.1)
+    if kind == "cloud":
+        grid = VoxelGrid(np.where(np.asarray(grid.states) == 1, np.uint8(0), grid.states), grid.origin, 0.1)
+    first, *others = (find_surface(each) for each in ways(grid, monkeypatch))
+    assert len(first.index) > 1000
+    for other in others:
+        for field in dataclasses.fields(first):
+            np.testing.assert_array_equal(getattr(first, field.name), getattr(other, field.name))

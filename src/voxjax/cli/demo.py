@@ -11,8 +11,7 @@ from .. import rigid
 from .._checks import InputError
 from .._runtime.whole_files import write_files
 from ..grid import VoxelGrid
-from ..io import encode_map
-from ..io.octomap import decode_bt
+from ..io.octomap import decode_bt, encode_bt
 from ..metrics import PoseError, pose_error
 from ..pipeline.many import merge
 from ..pipeline.merged import Merge
@@ -41,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     progress = Progress(quiet=args.quiet)
     progress("generate a building and scan it with three robots")
     team = simulate_team(args.seed, num_robots=3, overlap=0.2)
-    files = {str(folder / name): encode_map(name, grid) for name, grid in zip(names, team.grids, strict=True)}
+    files = {str(folder / name): encode_bt(grid) for name, grid in zip(names, team.grids, strict=True)}
     # Nothing of the truth goes into the merge: it gets the maps alone, and of them what the files hold (states without
     # log-odds), so that `voxjax merge` of the files gives the same map.
     grids = [decode_bt(data) for data in files.values()]
@@ -73,7 +72,7 @@ def _results(
     contents = {str(folder / "report.json"): json_bytes(merge_report(merged, grids, paths))}
     if merged.grid is not None:
         fused = str(folder / "fused.bt")
-        contents[fused] = encode_map(fused, merged.grid)
+        contents[fused] = encode_bt(merged.grid)
         labels = [name.removesuffix(".bt").replace("_", " ") for name in names]
         picture = draw_merge(grids, merged.poses, merged.grid, names=labels)
         contents[str(folder / "picture.png")] = encode_png(picture)

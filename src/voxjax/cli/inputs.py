@@ -24,7 +24,7 @@ def check_inputs(paths: Sequence[str]) -> None:
                 f"{path} cannot be read: {getattr(error, 'strerror', None) or error}."
             ) from error
         # Pipes and devices are let through: what cannot be read as a map is said by the reader.
-        if stat.S_ISDIR(mode):
+        if stat.S_ISDIR(mode) and os.path.splitext(path)[1].lower() != ".zarr":
             raise InputError(f"{path} cannot be read: it is a folder; give the name of a file.")
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from .._checks import InputError
-from .._runtime.whole_files import write_files
+from .._runtime.whole_files import Content, write_files
 from ..io import ENDINGS, LoadedMap, encode_map
 from ..pipeline.config import Config
 from ..pipeline.many import merge
@@ -162,8 +162,8 @@ def _contents(
     progress: Progress,
     *,
     is_written: bool,
-) -> dict[str, bytes]:
-    """The bytes of all files to write: without a map to trust, the report alone."""
+) -> dict[str, Content]:
+    """What all files to write hold: without a map to trust, the report alone."""
     contents, grids = {}, [loaded.grid for loaded in maps]
     names = [Path(path).name for path in args.maps]
     if is_written and merged.grid is not None:

@@ -7,6 +7,8 @@ from pathlib import Path
 
 from .._checks import InputError
 from .._runtime.whole_files import check_writable
+from ..io.zarr_reading import MARKER as ZARR_MARKER
+from ..io.zarr_reading import check_zarr_support
 
 
 def check_outputs(
@@ -37,8 +39,11 @@ def check_outputs(
             raise InputError(f"{name}: the ending must be {' or '.join(endings)}.")
         if any(_is_same_file(name, source) for source in inputs if source is not None):
             raise InputError(f"{name} is one of the inputs, which are never replaced; use another name.")
+        is_store = Path(name).suffix.lower() == ".zarr"
+        if is_store:  # a missing package is said now, not after the work
+            check_zarr_support()
         # Inputs are looked at first, because --force would let this pass.
-        check_writable(name, force=force, advice=advice)
+        check_writable(name, force=force, advice=advice, marker=ZARR_MARKER if is_store else None)
         # Two names may lead to one place, as a.bt and ./a.bt do.
         try:
             place = Path(name).resolve()

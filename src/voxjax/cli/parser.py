@@ -142,9 +142,11 @@ def _add_merge(commands) -> None:
     command = _add_command(
         commands, "merge", "Find how the maps lie to each other and fuse them into one.", epilog=EXIT_CODES
     )
-    command.add_argument("maps", nargs="+", metavar="MAP", help="two or more maps: .bt, .ot, .npz, .ply")
     command.add_argument(
-        "-o", "--output", required=True, metavar="OUT", help="the fused map: .bt, .ot, .npz, .ply"
+        "maps", nargs="+", metavar="MAP", help="two or more maps: .bt, .ot, .npz, .zarr, .ply"
+    )
+    command.add_argument(
+        "-o", "--output", required=True, metavar="OUT", help="the fused map: .bt, .ot, .npz, .zarr, .ply"
     )
     command.add_argument("--report", metavar="R.json", help="poses, verdicts, numbers and times as JSON")
     command.add_argument("--picture", metavar="P.png", help="all maps and the fused one as a picture")

@@ -10,6 +10,7 @@ from .._runtime.buckets import bucket_size, pad_rows
 from .._runtime.forks import refused_after_fork
 from .._runtime.memory import check_memory
 from ..grid import VoxelGrid, check_grid
+from ..ops.blocks.windows import TILE
 from ..planes.extract import PlaneMap, extract_planes
 from ..planes.triples import PlaneTriples, intersect_planes
 from .cluster import suppress_duplicates
@@ -72,9 +73,10 @@ def _placed(corners: Corners, origin: np.ndarray) -> Corners:
 def _check_memory(grid: VoxelGrid, preset: str) -> None:
     """Refuse a map for which the memory does not suffice: its file may have been a few bytes."""
     # The paper counts in the window of each voxel. Planes take 290 bytes and more for each occupied voxel of a room,
-    # more where they fill a volume: what is surely too much is refused, and nothing else.
-    num_voxels, num_occupied = float(grid.states.size), float(grid.num_occupied)
-    need = 6.0 * num_voxels if preset == "paper" else 2.0 * num_voxels + 200.0 * num_occupied
+    # more where they fill a volume, and of the box no more than a tile: what is surely too much is refused, and nothing
+    # else.
+    num_voxels, num_occupied = float(grid.num_voxels), float(grid.num_occupied)
+    need = 6.0 * num_voxels if preset == "paper" else 2.0 * min(num_voxels, TILE) + 200.0 * num_occupied
     what = f"finding corners in {num_voxels:,.0f} voxels, {num_occupied:,.0f} of them occupied,"
     check_memory(need, what, "crop the map, or take a larger voxel size")
 

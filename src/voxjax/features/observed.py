@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float, Int32
 
 from ..grid import VoxelGrid
-from ..ops.surface.faces import OCTANT_SIGNS, corner_faces
+from ..ops.blocks.over_tiles import Rows, over_tiles
+from ..ops.surface.faces import OCTANT_SIGNS, CornerFaces, corner_faces, faces_reach
 
 _BITS = (1, 2, 4)
 
@@ -56,9 +57,15 @@ def observe_corners(
     """
     # Places become voxels whose centres have whole coordinates; float64 lasts until the origin is taken off.
     local = (position - np.asarray(grid.origin, np.float64)) / grid.voxel_size - 0.5
-    faces = corner_faces(
-        np.asarray(grid.states), local.astype(np.float32), normals.astype(np.float32), last=reach
-    )
+    # Coordinates stay those of the whole box: in a tile's own they would be rounded otherwise.
+    places, planes = local.astype(np.float32), normals.astype(np.float32)
+
+    def look(states: np.ndarray, low: np.ndarray, rows: Rows) -> CornerFaces:
+        return corner_faces(states, places[rows], planes[rows], low=low.astype(np.int32), last=reach)
+
+    # Points beyond the box see no more of it than the nearest voxel inside does.
+    nearest = np.clip(np.rint(local), 0, np.maximum(np.asarray(grid.shape) - 1, 0)).astype(np.int64)
+    faces = over_tiles(look, grid.states_in, nearest, grid.shape, halo=faces_reach(reach))
     shares = _Shares(*map(np.asarray, faces))
     return _decode(shares, np.asarray(normals, np.float64), min_seen, max_beyond)
 

@@ -1,9 +1,10 @@
 """Maps on disk, for everyone who has files or wants some: start with `read_map` and `write_map` in `map_files`.
 
 `load_map` also says what is odd about a map, and `describe_map` gives its figures. `.bt` and `.ot` are OctoMap's
-(`octomap`), `.npz` is voxjax's own (`npz`), `.ply` is a cloud of points (`ply`), whose voxel size may be estimated
-(`spacing`). Readers trust no file: what they take is bounded by `budget`, and what is wrong with a file is an
-`InputError` of one sentence.
+(`octomap`), `.npz` is voxjax's own (`npz`), `.zarr` is a store for maps of any size, read by chunks (`zarr_reading`,
+`zarr_writing`), `.ply` is a cloud of points (`ply`), whose voxel size may be estimated (`spacing`). Readers trust no
+file: what they take is bounded by `budget`, but for the chunks of stores, which the package zarr decodes; and what is
+wrong with a file is an `InputError` of one sentence.
 """
 
 from ..ops.resampling.lattice import MAX_VOXELS as MAX_VOXELS

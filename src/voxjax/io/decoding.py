@@ -1,5 +1,7 @@
 """A map of the bytes of a file of any format: decoded, cut as asked for, and looked over for what is odd about it."""
 
+from pathlib import Path
+
 import numpy as np
 
 from .._checks import InputError
@@ -16,6 +18,7 @@ from .npz import decode_npz
 from .octomap import chosen_leaves, decode_bt, decode_ot
 from .octomap_leaves import leaves_of_bt, leaves_of_ot
 from .strays import piece_remarks, without_strays
+from .zarr_reading import open_zarr
 
 # Clouds are no maps before they have a voxel size, so that they are decoded by `cloud_map`.
 _DECODERS = {".bt": decode_bt, ".ot": decode_ot, ".npz": decode_npz}
@@ -38,15 +41,30 @@ def decode_map(data: bytes, ending: str, options: ReadOptions) -> tuple[VoxelGri
     """
     if ending == ".ply":
         return cloud_map(data, options)
-    if options.sensor_origins is not None or options.max_range is not None:
-        raise InputError(
-            f"sensor_origins and max_range belong to clouds (.ply), not to {ending} maps; leave them out"
-        )
-    read = _octree_map if ending in TREE_ENDINGS else _dense_map
-    grid, remarks = read(data, ending, options)
+    _check_no_cloud(ending, options)
+    if ending in TREE_ENDINGS:
+        grid, remarks = _octree_map(data, ending, options)
+    else:
+        grid, remarks = _cut_as_asked(_DECODERS[ending](data, max_voxels=options.max_voxels), options)
     # A file may put its map so far out that no number tells one voxel from the next.
     check_places(np.stack(grid.extent), grid.voxel_size)
     return grid, remarks
+
+
+def decode_store(path: Path, options: ReadOptions) -> tuple[VoxelGrid, list[Remark]]:
+    """The map in a Zarr store, of which no more is read than the options ask for, and what was seen.
+
+    Args:
+        path: The folder of the store.
+        options: How it is read.
+
+    Raises:
+        InputError: As in `decode_map`.
+    """
+    _check_no_cloud(path.suffix, options)
+    grid = open_zarr(path, max_voxels=options.max_voxels)
+    check_places(np.stack(grid.extent), grid.voxel_size)
+    return _cut_as_asked(grid, options)
 
 
 def describe_tree(data: bytes, ending: str, options: ReadOptions) -> tuple[MapFacts, list[Remark]]:
@@ -102,9 +120,17 @@ def _piece_remarks(found: list[IsolatedPieces], options: ReadOptions) -> list[Re
     ]
 
 
-def _dense_map(data: bytes, ending: str, options: ReadOptions) -> tuple[VoxelGrid, list[Remark]]:
-    """The map of a file that holds all voxels."""
-    grid, remarks = _DECODERS[ending](data, max_voxels=options.max_voxels), []
+def _check_no_cloud(ending: str, options: ReadOptions) -> None:
+    """Refuse options that belong to clouds."""
+    if options.sensor_origins is not None or options.max_range is not None:
+        raise InputError(
+            f"sensor_origins and max_range belong to clouds (.ply), not to {ending} maps; leave them out"
+        )
+
+
+def _cut_as_asked(grid: VoxelGrid, options: ReadOptions) -> tuple[VoxelGrid, list[Remark]]:
+    """A map that holds all voxels, cut and brought to the voxel size that was asked for, and what was seen."""
+    remarks = []
     grid = grid if options.crop is None else crop_grid(grid, options.crop)
     if options.looks or options.drop_isolated:
         grid, remarks = without_strays(grid, is_dropped=options.drop_isolated)

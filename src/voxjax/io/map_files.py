@@ -8,18 +8,20 @@ from pathlib import Path
 from typing import NamedTuple
 
 from .._checks import InputError, check_count, shown
-from .._runtime.whole_files import write_file
+from .._runtime.whole_files import Content, write_files
 from ..grid import VoxelGrid, check_grid
 from ..maps.findings import Remark
 from .crop import check_crop
-from .decoding import TREE_ENDINGS, ReadOptions, decode_map, describe_tree, with_box_remarks
+from .decoding import TREE_ENDINGS, ReadOptions, decode_map, decode_store, describe_tree, with_box_remarks
 from .files import read_bytes
 from .map_facts import MapFacts, facts_of_grid
 from .npz import encode_npz
 from .octomap import encode_bt, encode_ot
 from .ply import encode_ply
+from .zarr_reading import StoreError
+from .zarr_writing import encode_zarr
 
-_ENCODERS = {".bt": encode_bt, ".ot": encode_ot, ".npz": encode_npz, ".ply": encode_ply}
+_ENCODERS = {".bt": encode_bt, ".ot": encode_ot, ".npz": encode_npz, ".zarr": encode_zarr, ".ply": encode_ply}
 ENDINGS = tuple(_ENCODERS)
 """File endings that can be read and written."""
 
@@ -69,7 +71,7 @@ def read_map(
     says how many they are.
 
     Args:
-        path: File ending in .bt, .ot, .npz or .ply.
+        path: File ending in .bt, .ot, .npz or .ply, or folder ending in .zarr.
         voxel_size: Edge length of a voxel [m]; a map is brought to it. None keeps that of a map, and estimates that of
             a cloud from the spacing of its points, rounded to 1, 2 or 5 by a power of ten.
         crop: Low and high corner of a box (2, 3) [m]: only what lies in it is kept, voxels by their centres, of clouds
@@ -85,7 +87,8 @@ def read_map(
             `VOXJAX_MEMORY` overrides [GB].
 
     Returns:
-        The map; `.ot` keeps log-odds. From `.bt` and `.ot`: the bounding box of what is known.
+        The map; `.ot` keeps log-odds. From `.bt` and `.ot`: the bounding box of what is known. From `.zarr`: a map that
+        reads chunks when they are needed; what is wrong with one of them is an `InputError` then.
 
     Raises:
         InputError: If the file cannot be read or used; the message names it. Among others, a cloud whose spacing was
@@ -178,6 +181,8 @@ def _load(path: Path, options: ReadOptions) -> tuple[VoxelGrid, list[Remark]]:
     if options.crop is not None:
         check_crop(options.crop)
     with _naming(path):
+        if ending == ".zarr":
+            return decode_store(path, options)
         return decode_map(read_bytes(path), ending, options)
 
 
@@ -186,6 +191,8 @@ def _naming(path: Path) -> Iterator[None]:
     """Let errors within the block name the file that cannot be read."""
     try:
         yield
+    except StoreError:  # which names it
+        raise
     except InputError as error:
         raise InputError(f"{path} cannot be read: {str(error).removesuffix('.')}.") from error
     except MemoryError as error:  # a limit that the system does not tell: of a shell, of a batch job
@@ -196,18 +203,19 @@ def write_map(path: str | os.PathLike, grid: VoxelGrid, *, force: bool = True) -
     """Write a map, whole or not at all.
 
     Args:
-        path: File ending in .bt (states), .ot (log-odds), .npz (all) or .ply (occupied centres).
+        path: File ending in .bt (states), .ot (log-odds), .npz (all) or .ply (occupied centres), or folder ending in
+            .zarr (all; written chunk by chunk).
         grid: The map.
         force: Whether an existing file is replaced; with False it is an error.
 
     Raises:
         InputError: If the format cannot hold the grid or the file cannot be written; the message names it.
     """
-    write_file(path, encode_map(path, grid), force=force)
+    write_files({_as_path(path): encode_map(path, grid)}, force=force)
 
 
-def encode_map(path: str | os.PathLike, grid: VoxelGrid) -> bytes:
-    """The bytes of the file that `write_map` would write, for those who write several files at once.
+def encode_map(path: str | os.PathLike, grid: VoxelGrid) -> Content:
+    """The bytes of the file that `write_map` would write, or its folder, for those who write several files at once.
 
     Raises:
         InputError: If the format cannot hold the grid; the message names the path.
@@ -236,6 +244,6 @@ def _ending(path: Path) -> str:
     if ending not in _ENCODERS:
         raise InputError(
             f"{path}: the ending {ending!r} is not known; "
-            "use .bt or .ot (OctoMap), .npz (voxjax) or .ply (points)."
+            "use .bt or .ot (OctoMap), .npz (voxjax), .zarr (a Zarr store) or .ply (points)."
         )
     return ending

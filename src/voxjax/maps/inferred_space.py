@@ -14,10 +14,9 @@ from .._runtime.threads import spread
 from .._types import FREE, OCCUPIED
 from ..grid import VoxelGrid
 from ..ops.surface.enclosure import is_enclosed
+from .inferred_blocks import CELL as _CELL
+from .inferred_blocks import infer_in_blocks
 from .settings import MapConfig
-
-_CELL = 2
-"""Voxels that a cell is wide: an eighth of the work, and rays do not slip through surfaces one voxel thin."""
 
 _SLAB = 1 << 18
 """Voxels that are worked on at once."""
@@ -37,12 +36,15 @@ def infer_free_space(
         min_directions: A place is enclosed if a surface lies in at least so many of the 26 directions.
 
     Returns:
-        A map of the same shape, origin and voxel size.
+        A map of the same shape, origin and voxel size, in blocks if the map was; of these, parts of the box within
+        reach of which nothing is occupied are passed over.
     """
+    length = reach / (_CELL * grid.voxel_size)
+    if grid.is_sparse:
+        blocks = infer_in_blocks(grid.state_blocks(), reach=length, min_directions=min_directions)
+        return VoxelGrid(blocks, grid.origin, grid.voxel_size)
     states = np.asarray(grid.states)
-    enclosed = is_enclosed(
-        _occupied_cells(states), reach=reach / (_CELL * grid.voxel_size), min_directions=min_directions
-    )
+    enclosed = is_enclosed(_occupied_cells(states), reach=length, min_directions=min_directions)
     return VoxelGrid(_freed(states, enclosed), grid.origin, grid.voxel_size)
 
 

@@ -9,6 +9,8 @@ from jaxtyping import Int
 
 from .._types import UNKNOWN
 from ..grid import VoxelGrid
+from ..ops.blocks.block_array import BlockArray
+from ..ops.blocks.edit import with_value, zeroed_outside
 from .isolated import IsolatedPieces, isolated_pieces
 
 
@@ -45,14 +47,24 @@ def without_pieces(grid: VoxelGrid, index: Int[np.ndarray, "n 3"], pieces: Isola
     low, high = (
         np.clip(np.ceil(corner - tie), 0, grid.shape).astype(np.int64) for corner in (pieces.low, pieces.high)
     )
-    window = tuple(map(slice, low.tolist(), high.tolist()))
-    states = np.array(np.asarray(grid.states)[window])
     # A piece may still lie in a corner of the box.
     inside = index[pieces.piece >= 0] - low
-    inside = inside[((inside >= 0) & (inside < states.shape)).all(axis=1)]
-    states[tuple(inside.T)] = UNKNOWN
-    log_odds = None
-    if grid.log_odds is not None:
-        log_odds = np.where(states == UNKNOWN, np.float32(0.0), np.asarray(grid.log_odds)[window])
-    origin = np.asarray(grid.origin, np.float64) + low * grid.voxel_size
-    return VoxelGrid(states, origin, grid.voxel_size, log_odds).crop_to_known()
+    inside = inside[((inside >= 0) & (inside < high - low)).all(axis=1)]
+    part = grid.cut(low, high)
+    states, log_odds = _without_blocks(part, inside) if grid.is_sparse else _without_dense(part, inside)
+    return VoxelGrid(states, part.origin, grid.voxel_size, log_odds).crop_to_known()
+
+
+def _without_dense(grid: VoxelGrid, index: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+    """States of a dense map with some voxels unknown, and its log-odds, 0 where nothing is known."""
+    states = np.array(grid.states)
+    states[tuple(index.T)] = UNKNOWN
+    if grid.log_odds is None:
+        return states, None
+    return states, np.where(states == UNKNOWN, np.float32(0.0), np.asarray(grid.log_odds))
+
+
+def _without_blocks(grid: VoxelGrid, index: np.ndarray) -> tuple[BlockArray, BlockArray | None]:
+    """The same of a map that is kept in blocks."""
+    states, log_odds = with_value(grid.state_blocks(), index, UNKNOWN), grid.log_odds_blocks()
+    return states, None if log_odds is None else zeroed_outside(log_odds, states)

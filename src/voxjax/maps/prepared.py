@@ -12,7 +12,7 @@ from .._types import Array
 from ..grid import VoxelGrid, check_resolution
 from ..ops.evidence.lookup import Block
 from ..ops.evidence.map_tables import code_table, nearest_table
-from ..ops.surface.moments import SurfaceMoments, surface_moments
+from ..ops.surface.moments import SurfaceMoments, tiled_moments
 
 FIELD_RADIUS = 5
 """Reach of the nearest-voxel field [voxel]: what refinement can pull in."""
@@ -132,7 +132,7 @@ def map_surface(grid: VoxelGrid) -> MapSurface:
     grid = grid.crop_to_known()
     check_resolution(grid)
     index = grid.occupied_index()
-    return MapSurface(grid, index, surface_moments(np.asarray(grid.states), index, size=7, reach=3))
+    return MapSurface(grid, index, tiled_moments(grid.states_in, grid.shape, index, size=7, reach=3))
 
 
 def prepare_map(grid: VoxelGrid | MapSurface) -> PreparedMap:

@@ -7,15 +7,16 @@ matched scale by scale. Maps of any size run the same kernels.
 import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.ndimage import uniform_filter
 
 from .._checks import InputError, check_positive
 from .._runtime.threads import spread
 from .._types import FREE, Array
 from ..grid import VoxelGrid
+from ..ops.blocks.over_tiles import Rows, over_tiles
 from ..ops.descriptors.fpfh import point_feature_histograms, surface_normals
 from ..ops.descriptors.match import mutual_nearest
 from ..ops.descriptors.tiles import near_tiles, point_tree
+from .cells import average_by_cell, sum_by_cell, toward_surroundings
 
 NORMAL_RADIUS = 3.001
 DESCRIPTOR_RADIUS = 5.001
@@ -101,13 +102,13 @@ def describe_map(
     # Points are centred before they become float32, so that maps far from their origin keep their digits.
     center = points.mean(axis=0) if len(points) else np.zeros(3)
     centred = points - center
-    toward_free = _free_directions(np.asarray(grid.states), index) if use_free else None
+    toward_free = _toward_free(grid, index) if use_free else None
     levels = []
     for scale in scales:
-        cell, means = _average_by_cell(centred, scale * spacing)
+        cell, means = average_by_cell(centred, scale * spacing)
         # The coarse scale is always there: every map has a level that another can be matched with.
         if scale == scales[-1] or len(means) <= max_fine_points:
-            side = None if toward_free is None else _sum_by_cell(cell, toward_free, len(means))
+            side = None if toward_free is None else sum_by_cell(cell, toward_free, len(means))
             levels.append(_describe_level(means, side, scale * spacing))
     return MapDescriptors(tuple(levels), center, "free" if use_free else "surroundings")
 
@@ -146,7 +147,7 @@ def _describe_level(points: np.ndarray, side: np.ndarray | None, spacing: float)
     normal_tiles, tiles = (near_tiles(tree, r * spacing) for r in (NORMAL_RADIUS, DESCRIPTOR_RADIUS))
     placed = points.astype(np.float32)
     normals = np.array(surface_normals(placed, normal_tiles, radius=NORMAL_RADIUS * spacing)[0])
-    side = _toward_surroundings(points, 4.0 * spacing) if side is None else side
+    side = toward_surroundings(points, 4.0 * spacing) if side is None else side
     # The histograms hold signed angles between normals, so both maps must sign theirs by one rule.
     normals *= np.where(np.sum(normals * side, axis=1) < 0.0, -1.0, 1.0)[:, None]
     descriptors = point_feature_histograms(
@@ -155,28 +156,18 @@ def _describe_level(points: np.ndarray, side: np.ndarray | None, spacing: float)
     return DescriptorLevel(placed, normals, np.asarray(descriptors), spacing)
 
 
-def _average_by_cell(points: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Cell number of each point and the mean point of each cell, on a lattice of `spacing`; float64."""
-    if not len(points):
-        return np.zeros(0, np.int64), np.zeros((0, 3))
-    index = np.floor(points / spacing).astype(np.int64)
-    index -= index.min(axis=0)
-    flat = np.ravel_multi_index(tuple(index.T), tuple(index.max(axis=0) + 1))
-    # Numbers by counting: the lattice has fewer cells than the map has voxels, and sorting takes longer.
-    counts = np.bincount(flat)
-    cell = (np.cumsum(counts > 0) - 1)[flat]
-    counts = counts[counts > 0]
-    return cell, _sum_by_cell(cell, points, len(counts)) / counts[:, None]
-
-
-def _sum_by_cell(cell: np.ndarray, vectors: np.ndarray, count: int) -> np.ndarray:
-    """Sum of the vectors of each cell: (count, 3) float64."""
-    return np.stack([np.bincount(cell, vectors[:, axis], minlength=count) for axis in range(3)], axis=1)
-
-
-def _free_directions(states: np.ndarray, index: np.ndarray) -> np.ndarray:
-    """Sum of the unit directions from each listed voxel to the free voxels one and two steps away: (n, 3)."""
+def _toward_free(grid: VoxelGrid, index: np.ndarray) -> np.ndarray:
+    """`_free_directions` of a map of any size."""
     reach = 2
+
+    def directions(states: np.ndarray, low: np.ndarray, rows: Rows) -> np.ndarray:
+        return _free_directions(states, index[rows] - low.astype(np.int32), reach)
+
+    return over_tiles(directions, grid.states_in, index, grid.shape, halo=reach)
+
+
+def _free_directions(states: np.ndarray, index: np.ndarray, reach: int) -> np.ndarray:
+    """Sum of the unit directions from each listed voxel to the free voxels up to so many steps away: (n, 3)."""
     # Voxels whose surroundings are looked up at once: one core works on them while others do the next.
     chunk = 1 << 14
     # The rim keeps steps at the border of the map from wrapping into the next row; bytes can be added as they
@@ -205,23 +196,3 @@ def _free_directions(states: np.ndarray, index: np.ndarray) -> np.ndarray:
 
     spread(add, range(0, len(index), chunk))
     return total.T
-
-
-def _toward_surroundings(points: np.ndarray, cell_size: float, width: int = 5) -> np.ndarray:
-    """Vectors from each point to the centroid of the map's points in the `width`³ cells around its own."""
-    if not len(points):
-        return np.zeros((0, 3))
-    cell = np.floor(points / cell_size).astype(np.int64)
-    cell -= cell.min(axis=0)
-    shape = tuple(cell.max(axis=0) + 1)
-    flat = np.ravel_multi_index(tuple(cell.T), shape)
-    volume = int(np.prod(shape))
-
-    def mean_around(weights: np.ndarray | None) -> np.ndarray:
-        total = np.bincount(flat, weights, minlength=volume).reshape(shape).astype(np.float64)
-        # The filter divides by the size of its window, which cancels between points and count; a point counts
-        # in its own cell, so the count is never zero.
-        return uniform_filter(total, size=width, mode="constant").reshape(-1)[flat]
-
-    count = mean_around(None)
-    return np.stack([mean_around(points[:, axis]) for axis in range(3)], axis=1) / count[:, None] - points

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
 from ..grid import VoxelGrid
-from ..ops.surface.moments import surface_moments
+from ..ops.surface.moments import tiled_moments
 
 
 class Surface(eqx.Module):
@@ -44,8 +44,8 @@ def find_surface(grid: VoxelGrid, *, size: int = 7, reach: int = 3, min_neighbou
         `Surface`. In a map without free space every voxel has one element, not signed.
     """
     index = grid.occupied_index()
-    moments = map(np.asarray, surface_moments(np.asarray(grid.states), index, size=size, reach=reach))
-    normal, curvature, num_occupied, has_free, _, distance = moments
+    moments = tiled_moments(grid.states_in, grid.shape, index, size=size, reach=reach)
+    normal, curvature, num_occupied, has_free, _, distance = map(np.asarray, moments)
     forward, backward = distance.T.astype(np.int32)
     is_solid = num_occupied >= min_neighbours
     # A voxel belongs to the side that is nearer to free space; to both where they are equally near.

@@ -4,6 +4,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from .. import rigid
+from .._types import FREE
 from ..grid import VoxelGrid
 from .true_corners import TrueCorners
 
@@ -31,12 +32,11 @@ def observed_corners(corners: TrueCorners, grid: VoxelGrid, T_world_map: np.ndar
     nearby = KDTree(points).query_ball_point(position, reach)
     for i, indices in enumerate(nearby):
         seen[i] = _shows_faces(points[indices] - position[i], normals[i], grid.voxel_size)
-    free = np.asarray(grid.states) == 1
     # The sum of the normals leads away from all three faces, to where the space before the corner was seen as free.
     for i in np.flatnonzero(seen):
         probe = grid.index_from_world((position[i] + 0.6 * reach * normals[i].sum(axis=0))[None])[0]
-        low, high = np.maximum(probe - 2, 0), np.maximum(probe + 3, 0)
-        seen[i] = free[low[0] : high[0], low[1] : high[1], low[2] : high[2]].any()
+        low, high = (np.clip(probe + step, 0, grid.shape) for step in (-2, 3))
+        seen[i] = (grid.states_in(low, high) == FREE).any()
     return seen
 
 

@@ -58,7 +58,8 @@ def test_faces_are_seen_beyond_2_to_the_28_voxels():
     position, normals = np.full((1, 3), 23, np.float32), -np.eye(3, dtype=np.float32)[None]
     expected = corner_faces(small, position, normals)
     far = position + np.asarray(shape, np.float32) - np.float32(24)
-    found = _faces_kernel(flat, np.asarray(shape, np.int32), far, normals, first=1.5, last=5.5)
+    box = np.zeros(3, np.int32), np.asarray(shape, np.int32)
+    found = _faces_kernel(flat, box, far, normals, first=1.5, last=5.5)
     for one, other in zip(expected, found, strict=True):
         np.testing.assert_array_equal(one, np.asarray(other))
     assert np.asarray(found.seen).max() > 0.9

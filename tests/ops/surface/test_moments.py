@@ -10,9 +10,10 @@ from compilations import compilations
 from oracles import surfaces
 from voxjax._checks import InputError
 from voxjax._runtime.pieces import one_by_one, over_pieces
+from voxjax.ops.blocks import over_tiles
 from voxjax.ops.surface import moments as module
 from voxjax.ops.surface.ball_sums import ball_offsets
-from voxjax.ops.surface.moments import surface_moments
+from voxjax.ops.surface.moments import surface_moments, tiled_moments
 
 
 def _scene(seed=0):
@@ -207,3 +208,23 @@ def test_voxels_outside_the_grid_are_refused():
     for outside in ([-1, 0, 0], [0, 0, 5]):
         with pytest.raises(InputError, match=r"inside the grid of \(5, 5, 5\)"):
             surface_moments(np.zeros((5, 5, 5), np.uint8), np.asarray([[0, 0, 0], outside], np.int32))
+
+
+def test_moments_in_tiles_are_those_of_the_whole_box_to_the_bit(monkeypatch):
+    rng = np.random.default_rng(4)
+    states = rng.choice(np.asarray([0, 1, 2], np.uint8), (150, 70, 40), p=[0.5, 0.4, 0.1])
+    index = rng.permutation(np.argwhere(states == 2).astype(np.int32))[:9000]
+    windows = []
+
+    def window(low, high):
+        windows.append(tuple(high - low))
+        return states[tuple(map(slice, low, high))]
+
+    # A window that reaches farther than the steps along the normal, and steps that reach farther than the window.
+    for size, reach in ((7, 3), (3, 3)):
+        windows.clear()
+        monkeypatch.setattr(over_tiles, "TILE", 1 << 17)
+        found = tiled_moments(window, states.shape, index, size=size, reach=reach)
+        assert len(windows) > 4
+        for one, other in zip(surface_moments(states, index, size=size, reach=reach), found, strict=True):
+            np.testing.assert_array_equal(one, other)

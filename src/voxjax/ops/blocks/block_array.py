@@ -65,7 +65,12 @@ class BlockArray(eqx.Module):
     @cached_property
     def uses(self) -> Int[np.ndarray, "n"]:
         """How many blocks of the box each row of the pool stands for."""
-        return np.bincount(np.asarray(self.table).reshape(-1), minlength=len(self.pool))
+        flat, counts = np.asarray(self.table).reshape(-1), np.zeros(len(self.pool), np.int64)
+        # A part of the table at a time: it is brought to int64 for this.
+        step = max(1 << 20, len(counts))
+        for start in range(0, len(flat), step):
+            counts += np.bincount(flat[start : start + step], minlength=len(counts))
+        return counts
 
     def __array__(self, dtype: np.typing.DTypeLike | None = None, copy: bool | None = None) -> np.ndarray:
         """The dense array, as NumPy asks for it."""

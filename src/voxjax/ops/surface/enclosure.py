@@ -26,7 +26,11 @@ _Words = UInt64[np.ndarray, "w _ _"] | Bool[np.ndarray, "w _ _"]
 
 
 def is_enclosed(
-    occupied: Bool[np.ndarray, "x y z"], *, reach: float, min_directions: int
+    occupied: Bool[np.ndarray, "x y z"],
+    *,
+    reach: float,
+    min_directions: int,
+    columns: _Window | None = None,
 ) -> Bool[np.ndarray, "x y z"]:
     """Whether a voxel meets something occupied along at least so many of the 26 directions.
 
@@ -36,6 +40,7 @@ def is_enclosed(
         occupied: Voxels that stop a ray.
         reach: Length of the rays, from the voxel's centre [voxel]; the voxel itself does not count.
         min_directions: In how many directions something must be met, 1 to 26.
+        columns: Columns along x and y that are asked about, the others being False; None for all of them.
     """
     enclosed = np.zeros(occupied.shape, bool)
     steps = _steps(occupied.shape, reach)
@@ -48,7 +53,12 @@ def is_enclosed(
 
     # With halos no wider than tiles, the work on them stays below that on the tiles.
     edge = max(128, int(reach))
-    spread(fill, _tiles(_may_be_enclosed(words, steps, min_directions), edge))
+    wanted = _may_be_enclosed(words, steps, min_directions)
+    if columns is not None:
+        asked = np.zeros_like(wanted)
+        asked[columns] = wanted[columns]
+        wanted = asked
+    spread(fill, _tiles(wanted, edge))
     return enclosed
 
 

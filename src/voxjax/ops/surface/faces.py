@@ -54,6 +54,7 @@ def corner_faces(
     position: Float32[Array, "m 3"],
     normals: Float32[Array, "m 3 3"],
     *,
+    low: Int32[Array, "3"] | None = None,
     first: float = 1.5,
     last: float = 5.5,
 ) -> CornerFaces:
@@ -66,6 +67,7 @@ def corner_faces(
         states: 0 unknown, 1 free, 2 occupied; outside counts as unknown.
         position: Candidates in voxel coordinates: the centre of voxel (i, j, k) is (i, j, k).
         normals: Unit normals of the three planes, rows; not all in one plane.
+        low: The voxel of those coordinates that the states begin with, where they are a window; None for (0, 0, 0).
         first: Distance of the first samples from the edges [voxel]; samples follow every voxel ...
         last: ... up to this distance.
 
@@ -77,18 +79,28 @@ def corner_faces(
     """
     check_cells(states.size, 0, "states", "crop the grid, or work tile by tile")
     run = partial(_faces_kernel, first=first, last=last)
-    shape = np.asarray(states.shape, np.int32)
+    # Lowest voxel and number of voxels along x, y, z.
+    box = np.zeros(3, np.int32) if low is None else low, np.asarray(states.shape, np.int32)
     if are_numpy(states, position, normals):
-        return _faces_on_host(
-            run, np.asarray(states).reshape(-1), shape, np.asarray(position), np.asarray(normals)
-        )
-    return run(states.reshape(-1), shape, position, normals)
+        flat = np.ascontiguousarray(states).reshape(-1)
+        return _faces_on_host(run, flat, box, np.asarray(position), np.asarray(normals))
+    return run(states.reshape(-1), box, position, normals)
+
+
+def faces_reach(last: float) -> int:
+    """How far from a candidate `corner_faces` looks along an axis, at most [voxel].
+
+    Args:
+        last: Distance of the last samples from the edges [voxel].
+    """
+    # Samples of a patch lie twice that far where its edges are close together, those of an octant nine voxels.
+    return max(int(np.ceil(3 * last)) + 4, 10)
 
 
 def _faces_on_host(
     run: Callable[..., CornerFaces],
     flat: np.ndarray,
-    shape: np.ndarray,
+    box: tuple[Array, np.ndarray],
     position: np.ndarray,
     normals: np.ndarray,
 ) -> CornerFaces:
@@ -98,7 +110,7 @@ def _faces_on_host(
     table = to_device(as_table(flat, table_lengths(flat.size, 0)[0]))
 
     def look(some: np.ndarray, planes: np.ndarray, _: np.int32) -> CornerFaces:
-        return run(table, shape, some, planes)
+        return run(table, box, some, planes)
 
     # Padding gets three planes that meet, so that it has edges as well.
     fills = [0.0, np.eye(3, dtype=np.float32)]
@@ -109,7 +121,7 @@ def _faces_on_host(
 @in_full_precision
 def _faces_kernel(
     flat: UInt8[Array, "flat"],
-    shape: Int32[Array, "3"],
+    box: tuple[Int32[Array, "3"], Int32[Array, "3"]],
     position: Float32[Array, "m 3"],
     normals: Float32[Array, "m 3 3"],
     *,
@@ -119,7 +131,8 @@ def _faces_kernel(
     """`corner_faces` on a flat block, so that maps of other shapes compile nothing."""
     # Candidates of one step of the kernel.
     chunk = 64
-    margin = int(np.ceil(3 * last)) + 4
+    margin = faces_reach(last)
+    low, shape = box
     strides = jnp.stack([shape[1] * shape[2], shape[2], jnp.ones_like(shape[2])])
     # The end is half a step beyond the last sample, so that rounding does not lose it.
     steps = jnp.arange(first, last + 0.5, 1.0, dtype=jnp.float32)
@@ -128,6 +141,7 @@ def _faces_kernel(
     def look_up(points: Array) -> Array:
         # Far points are clipped first, so that whole numbers cannot overflow.
         index = jnp.round(jnp.clip(points, -margin, 1e6)).astype(jnp.int32)
+        index = index - jnp.broadcast_to(low, index.shape)
         inside = jnp.all((index >= 0) & (index < jnp.broadcast_to(shape, index.shape)), axis=-1)
         linear = jnp.sum(
             jnp.where(inside[..., None], index, 0) * jnp.broadcast_to(strides, index.shape),

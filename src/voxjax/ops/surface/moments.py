@@ -4,6 +4,7 @@ Work grows with the number of listed voxels, but for one pass over the volume th
 arrays are worked on in pieces of one size, side by side on all cores.
 """
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -19,6 +20,7 @@ from ..._runtime.pieces import over_pieces
 from ..._runtime.placement import are_numpy, on_host
 from ..._runtime.programs import kept_program
 from ..._types import Array
+from ..blocks.over_tiles import Rows, over_tiles
 from .axes import central_sums, free_distances, principal_axes, steps_along, surface_normal
 from .ball_sums import window_sums
 from .packed_states import PackedStates, pack_on_host, pack_states
@@ -81,6 +83,38 @@ def surface_moments(
     if are_numpy(states, index):
         return _moments_on_host(np.asarray(states), np.asarray(index, np.int32), size=size, reach=reach)
     return _moments_kernel(jnp.asarray(states), jnp.asarray(index), size=size, reach=reach)
+
+
+def tiled_moments(
+    states_in: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    shape: tuple[int, ...],
+    index: Int32[np.ndarray, "n 3"],
+    *,
+    size: int = 7,
+    reach: int = 3,
+) -> SurfaceMoments:
+    """`surface_moments` in a box of any size, to the bit; a box of few voxels is one call.
+
+    Args:
+        states_in: Dense states of a window of the box, such as `VoxelGrid.states_in`.
+        shape: Number of voxels of the box along x, y, z.
+        index: Voxels to look at.
+        size: Diameter of the window [voxel]; odd.
+        reach: How many steps to look for free space along the normal [voxel].
+
+    Returns:
+        Host arrays.
+
+    Raises:
+        InputError: As from `surface_moments`.
+    """
+    # Before it decides how far tiles look beyond their voxels.
+    check_odd_window("size", size)
+
+    def moments(states: np.ndarray, low: np.ndarray, rows: Rows) -> SurfaceMoments:
+        return surface_moments(states, index[rows] - low.astype(np.int32), size=size, reach=reach)
+
+    return over_tiles(moments, states_in, index, shape, halo=_margin(size, reach))
 
 
 def _moments_on_host(
