@@ -28,12 +28,12 @@ from ._checks import (
     shown,
 )
 from ._grid_arrays import as_float32, as_origin, as_states, check_log_odds, check_origin, check_states
-from ._runtime.memory import check_memory
-from ._types import FREE, OCCUPIED, UNKNOWN, Array
+from ._types import FREE, OCCUPIED, Array
 from .frames import STEPS_PER_VOXEL, check_near
-from .ops.blocks.block_array import BlockArray, Corner, blocks_of
-from .ops.blocks.chunked_array import ChunkedArray, cubes_of
-from .ops.blocks.windows import cut_out
+from .ops.blocks import kept
+from .ops.blocks.block_array import BlockArray, Corner
+from .ops.blocks.chunked_array import ChunkedArray
+from .ops.blocks.kept import Sparse
 from .ops.resampling.lattice import about_middle, origin_in_voxels
 from .ops.resampling.raycast import grid_from_points
 from .ops.resampling.rescale import rescale_states
@@ -41,10 +41,6 @@ from .ops.resampling.rigid import resample_rigid
 
 if TYPE_CHECKING:
     from jaxtyping import Float32, UInt8
-
-
-# What is kept of maps whose box may be of any size: their blocks, or where these can be read.
-Sparse = BlockArray | ChunkedArray
 
 
 class VoxelGrid(eqx.Module):
@@ -70,8 +66,8 @@ class VoxelGrid(eqx.Module):
         self.origin = as_origin(origin)
         self._log_odds = None
         if log_odds is not None:
-            kept = isinstance(log_odds, Sparse)
-            self._log_odds = log_odds if kept else as_float32("log_odds", log_odds)
+            is_sparse = isinstance(log_odds, Sparse)
+            self._log_odds = log_odds if is_sparse else as_float32("log_odds", log_odds)
         self.voxel_size = check_voxel_size(voxel_size)
         check_three_axes("states", self._states.shape)
         if self.origin.shape != (3,):
@@ -81,10 +77,10 @@ class VoxelGrid(eqx.Module):
                 f"log_odds must have the shape of states {self.shape}, got {self._log_odds.shape}."
             )
         # Values come after shapes: they take a pass over the whole map.
-        check_states(_values(self._states))
+        check_states(kept.checkable(self._states))
         check_origin(self.origin, self.shape, self.voxel_size)
         if self._log_odds is not None:
-            check_log_odds(_values(self._log_odds))
+            check_log_odds(kept.checkable(self._log_odds))
 
     @classmethod
     def from_points(
@@ -146,23 +142,19 @@ class VoxelGrid(eqx.Module):
 
     def state_blocks(self) -> BlockArray:
         """The states in blocks; those of a dense map are made at each call, those of a store read once and kept."""
-        return _in_blocks(self._states)
+        return kept.in_blocks(self._states)
 
     def log_odds_blocks(self) -> BlockArray | None:
         """The log-odds in blocks like `state_blocks`, or None."""
-        return None if self._log_odds is None else _in_blocks(self._log_odds)
+        return None if self._log_odds is None else kept.in_blocks(self._log_odds)
 
     def states_in(self, low: Corner, high: Corner) -> UInt8[np.ndarray, "x y z"]:
         """States of a window of the box, dense: from voxel `low` up to and without `high`, both inside the box."""
-        if isinstance(self._states, Sparse):
-            return self._states.window(low, high)
-        return np.asarray(self._states)[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
+        return kept.window(self._states, low, high)
 
     def log_odds_in(self, low: Corner, high: Corner) -> Float32[np.ndarray, "x y z"] | None:
         """Log-odds of a window of the box like `states_in`, or None."""
-        if self._log_odds is None or isinstance(self._log_odds, Sparse):
-            return None if self._log_odds is None else self._log_odds.window(low, high)
-        return np.asarray(self._log_odds)[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
+        return None if self._log_odds is None else kept.window(self._log_odds, low, high)
 
     def cubes(self, side: int) -> Int[np.ndarray, "m 3"]:
         """Cubes of the box that may hold something, in lexicographic order; all of a dense map.
@@ -170,14 +162,12 @@ class VoxelGrid(eqx.Module):
         Args:
             side: Sides of the cubes [voxel], which are whole blocks; cube (i, j, k) begins at voxel side * (i, j, k).
         """
-        found = cubes_of(self._states, side)
-        return np.argwhere(found if self._log_odds is None else found | cubes_of(self._log_odds, side))
+        found = kept.cubes_of(self._states, side)
+        return np.argwhere(found if self._log_odds is None else found | kept.cubes_of(self._log_odds, side))
 
     def states_at(self, index: Int[np.ndarray, "n 3"]) -> UInt8[np.ndarray, " n"]:
         """States of voxels inside the box."""
-        if isinstance(self._states, Sparse):
-            return self._states.take(index)
-        return np.asarray(self._states)[tuple(index.T)]
+        return kept.take(self._states, index)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -192,20 +182,12 @@ class VoxelGrid(eqx.Module):
     @property
     def num_occupied(self) -> int:
         """Number of occupied voxels."""
-        return self._count(OCCUPIED)
+        return kept.count(self._states, OCCUPIED)
 
     @property
     def num_free(self) -> int:
         """Number of free voxels."""
-        return self._count(FREE)
-
-    def _count(self, state: np.uint8) -> int:
-        if isinstance(self._states, Sparse):
-            return self._states.count(state)
-        # In pieces that stay in the cache, without an array of truth values as large as the map.
-        flat, piece = np.asarray(self._states).reshape(-1), 1 << 18
-        starts = range(0, flat.size, piece)
-        return sum(int(np.count_nonzero(flat[start : start + piece] == state)) for start in starts)
+        return kept.count(self._states, FREE)
 
     @property
     def extent(self) -> tuple[np.ndarray, np.ndarray]:
@@ -219,25 +201,7 @@ class VoxelGrid(eqx.Module):
         Raises:
             InputError: If there is not enough memory for the list, which may be many times as large as a file was.
         """
-        if isinstance(self._states, Sparse):
-            return self._states.where(OCCUPIED)
-        states, count = np.asarray(self._states), self.num_occupied
-        if count > 1 << 22:  # a short list is not worth the milliseconds of asking
-            advice = "crop the map, or take a larger voxel size"
-            check_memory(12.0 * count, f"the list of {count:,} occupied voxels", advice, on_device=False)
-        index, start = np.empty((count, 3), np.int32), 0
-        # A few planes at a time: NumPy's own indices are int64, several times as large as the list. They are looked for
-        # in a flat block, for along three axes NumPy takes ten times as long.
-        planes = max((1 << 20) // max(math.prod(states.shape[1:]), 1), 1)
-        for first in range(0, len(states), planes):
-            block = states[first : first + planes].reshape(-1)
-            places = np.flatnonzero(block == OCCUPIED)
-            rows = index[start : start + len(places)]
-            places, rows[:, 2] = np.divmod(places, states.shape[2])
-            rows[:, 0], rows[:, 1] = np.divmod(places, states.shape[1])
-            rows[:, 0] += first
-            start += len(rows)
-        return index
+        return kept.where(self._states, OCCUPIED, "occupied")
 
     def occupied_points(self) -> np.ndarray:
         """Centres of the occupied voxels, float64 (n, 3) [m], same order as `occupied_index`."""
@@ -285,35 +249,13 @@ class VoxelGrid(eqx.Module):
 
     def known_box(self) -> tuple[np.ndarray, np.ndarray]:
         """Lowest free or occupied voxel and one past the highest, int64 (3,) each; both 0 where nothing is known."""
-        if isinstance(self._states, Sparse):
-            return self._states.known_box()
-        states = np.asarray(self._states)
-        low, high = np.zeros(3, np.int64), np.zeros(3, np.int64)
-        if not states.size:
-            return low, high
-        # Unknown is the least state, and the greatest along an axis takes no list of truth values as large as the map.
-        over_x = states.max(axis=0)
-        for axis, known in enumerate((states.max(axis=(1, 2)), over_x.max(axis=1), over_x.max(axis=0))):
-            hit = np.flatnonzero(known != UNKNOWN)
-            low[axis], high[axis] = (hit[0], hit[-1] + 1) if hit.size else (0, 0)
-        return low, high
+        return kept.known_box(self._states)
 
     def cut(self, low: Int[np.ndarray, "3"], high: Int[np.ndarray, "3"]) -> VoxelGrid:
-        """The part from voxel `low` up to and without `high`, both inside the box.
-
-        Of a dense map it is a view; of a store that part is read.
-        """
-
-        def part(values: Array | Sparse) -> Array | Sparse:
-            if isinstance(values, BlockArray):
-                return cut_out(values, low, high)
-            if isinstance(values, ChunkedArray):
-                return values.cut(low, high)
-            return np.asarray(values)[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
-
+        """The part from voxel `low` up to and without `high`, both inside the box; see `kept.part`."""
         origin = np.asarray(self.origin, np.float64) + np.asarray(low, np.float64) * self.voxel_size
-        log_odds = None if self._log_odds is None else part(self._log_odds)
-        return VoxelGrid(part(self._states), origin, self.voxel_size, log_odds)
+        log_odds = None if self._log_odds is None else kept.part(self._log_odds, low, high)
+        return VoxelGrid(kept.part(self._states, low, high), origin, self.voxel_size, log_odds)
 
     def localized(self) -> tuple[VoxelGrid, np.ndarray]:
         """This map in a local frame, for whatever computes in float32.
@@ -377,8 +319,8 @@ class VoxelGrid(eqx.Module):
         apart = np.abs(np.asarray(self.origin, np.float64) - np.asarray(other.origin, np.float64))
         return bool(
             (apart * STEPS_PER_VOXEL < self.voxel_size).all()
-            and _same(self._log_odds, other._log_odds)
-            and _same(self._states, other._states)
+            and kept.same(self._log_odds, other._log_odds)
+            and kept.same(self._states, other._states)
         )
 
     def __eq__(self, other: object) -> bool:
@@ -391,7 +333,7 @@ class VoxelGrid(eqx.Module):
     def __repr__(self) -> str:
         """One line: shape, voxel size, extent and the share of each state."""
         # Under a transformation of JAX there are no values to count.
-        values = _values(self._states)
+        values = kept.checkable(self._states)
         if not isinstance(values, np.ndarray) and not hasattr(values, "__array__"):
             return f"VoxelGrid(states={values}, voxel_size={self.voxel_size})"
         low, high = self.extent
@@ -406,28 +348,6 @@ class VoxelGrid(eqx.Module):
         box = " ".join(f"{axis} {a:.2f}..{b:.2f}" for axis, a, b in zip("xyz", low, high, strict=True))
         odds = ", with log-odds" if self._log_odds is not None else ""
         return f"VoxelGrid({size} voxels of {self.voxel_size:g} m, {box} m, {shares}{odds})"
-
-
-def _values(kept: Array | Sparse) -> Array:
-    """All values that there are, each once at least; of a store none, whose reader looks at what it reads."""
-    if isinstance(kept, ChunkedArray):
-        return np.zeros(0, kept.dtype)
-    return kept.pool if isinstance(kept, BlockArray) else kept
-
-
-def _in_blocks(kept: Array | Sparse) -> BlockArray:
-    if isinstance(kept, ChunkedArray):
-        return kept.blocks()
-    return kept if isinstance(kept, BlockArray) else blocks_of(np.asarray(kept))
-
-
-def _same(one: Array | Sparse | None, other: Array | Sparse | None) -> bool:
-    """Whether two arrays of one shape hold the same values, dense or in blocks."""
-    if one is None or other is None:
-        return one is other
-    if isinstance(one, Sparse) or isinstance(other, Sparse):
-        return _in_blocks(one).equals(_in_blocks(other))
-    return np.array_equal(np.asarray(one), np.asarray(other))
 
 
 def check_grid(name: str, value: object) -> None:

@@ -8,7 +8,7 @@ from tests.ops.blocks.boxes import random_boxes
 
 from voxjax import InputError, VoxelGrid
 from voxjax.ops.blocks.block_array import blocks_of
-from voxjax.ops.blocks.chunked_array import ChunkedArray, cubes_of
+from voxjax.ops.blocks.chunked_array import ChunkedArray
 
 # Chunks of whole blocks, chunks that are not, and one chunk for all.
 KINDS = (
@@ -125,16 +125,6 @@ def test_only_chunks_that_are_needed_are_read_and_those_read_last_are_kept():
     assert array.is_surveyed
     assert max(reads.values()) == 1
     assert len(reads) == 48
-
-
-def test_cubes_that_hold_something_are_found(stored):
-    dense, array = stored
-    for values in (array, blocks_of(dense), dense):
-        found = cubes_of(values, 16)
-        assert found.shape == tuple(-(-n // 16) for n in dense.shape)
-        index = np.argwhere(dense) // 16
-        assert found[tuple(index.T)].all()
-    assert np.argwhere(cubes_of(blocks_of(dense), 16)).tolist() == np.unique(index, axis=0).tolist()
 
 
 def test_a_map_read_whole_needs_memory_for_its_blocks_and_not_for_the_chunks(monkeypatch):

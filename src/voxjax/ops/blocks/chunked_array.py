@@ -15,7 +15,6 @@ from jaxtyping import Bool, Int, Int32, Shaped
 
 from ..._runtime.memory import check_memory, memory_limit
 from ..._runtime.threads import num_cores, spread
-from ..._types import Array
 from .block_array import BLOCK_VOXELS, BlockArray, BlockBuilder, Corner, Shape, is_uniform, split
 from .windows import cut_out
 from .words import BLOCK
@@ -288,26 +287,6 @@ class ChunkedArray:
             while len(self._kept) > 1 and len(self._kept) * int(np.prod(self.chunk)) > self._most_kept:
                 self._kept.popitem(last=False)
         return values
-
-
-def cubes_of(values: Array | BlockArray | ChunkedArray, side: int) -> Bool[np.ndarray, "a b c"]:
-    """Which cubes of a box may hold something that is not 0; of a dense array all.
-
-    Args:
-        values: The array.
-        side: Sides of the cubes [voxel], which are whole blocks.
-    """
-    lattice = tuple(-(-n // side) for n in values.shape)
-    if isinstance(values, BlockArray):
-        found = np.zeros(lattice, bool)
-        found[tuple(np.argwhere(np.asarray(values.table) != 0).T // (side // BLOCK))] = True
-    elif isinstance(values, ChunkedArray):
-        found = np.zeros(lattice, bool)
-        for low in np.argwhere(values.known) * values.chunk:
-            found[tuple(map(slice, low // side, -(-(low + values.chunk) // side)))] = True
-    else:
-        found = np.ones(lattice, bool)
-    return found
 
 
 def _surveyed(values: Shaped[np.ndarray, "x y z"]) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
