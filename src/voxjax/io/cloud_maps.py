@@ -38,7 +38,7 @@ class ReadOptions(NamedTuple):
         strict: Whether points of a cloud that are no places, or equal, are an error.
         sensor_origins: Where the points of a cloud were seen from [m]; None if that is not known.
         max_range: Longest ray [m].
-        max_voxels: Largest dense grid to make.
+        max_voxels: Largest box of voxels to make.
         looks: Whether to look for all that may be wrong, beside what has to be said anyway.
     """
 
@@ -121,14 +121,16 @@ def _without_strays(
 
 def _grid(cloud: Cloud, voxel_size: float, options: ReadOptions, budget: Budget) -> VoxelGrid:
     """The voxels that hold points, and those that rays cross, cut to the box that was asked for."""
-    # Where rays may cross, the marks of a voxel take four bytes more.
-    bytes_per_voxel = 1 if cloud.sensor_origins is None else 5
+    # Rays cross the whole box, and their marks take five bytes a voxel; points alone go into blocks.
+    most = budget.max_voxels
+    if cloud.sensor_origins is not None:
+        most = int(min(budget.most_voxels, budget.memory()[0] / 5))
     states, origin = grid_from_points(
         cloud.points,
         voxel_size=voxel_size,
         sensor_origins=cloud.sensor_origins,
         max_range=options.max_range,
-        max_voxels=int(min(budget.most_voxels, budget.memory()[0] / bytes_per_voxel)),
+        max_voxels=most,
     )
     grid = VoxelGrid(states, origin, voxel_size)
     # Without sensors, the points were cut already.

@@ -1,3 +1,5 @@
+import tracemalloc
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -181,13 +183,42 @@ def test_absurd_extent_is_refused_before_memory_is_taken():
         VoxelGrid.from_points(far, voxel_size=0.1)
 
 
-def test_the_box_of_a_cloud_may_have_as_many_voxels_as_can_be_counted(monkeypatch):
+def test_the_box_of_a_cloud_with_sensors_may_have_as_many_voxels_as_can_be_counted(monkeypatch):
     monkeypatch.setenv("VOXJAX_MEMORY", "1")
     corners = np.array([[0.05, 0.05, 0.05], [204.75, 102.35, 51.15]])
-    # 2048 x 1024 x 512 voxels are 2**30: memory refuses what the count does not.
-    with pytest.raises(InputError, match=r"needs about 1\.07 GB of memory"):
-        grid_from_points(corners, voxel_size=0.1)
     with pytest.raises(InputError, match=r"above the limit of 1,073,741,823"):
         grid_from_points(corners, voxel_size=0.1, sensor_origins=corners)
-    with pytest.raises(InputError, match=r"above the limit of 2,147,483,647"):
-        grid_from_points(2.0 * corners, voxel_size=0.1)
+    # 512 x 1024 x 512 voxels: memory refuses what the count does not.
+    with pytest.raises(InputError, match=r"needs about 1\.34 GB of memory"):
+        grid_from_points(corners / [4, 1, 1], voxel_size=0.1, sensor_origins=corners / [4, 1, 1])
+
+
+def test_the_box_of_a_cloud_without_sensors_costs_what_is_in_it(monkeypatch):
+    monkeypatch.setenv("VOXJAX_MEMORY", "0.1")
+    cloud = np.random.default_rng(0).uniform(0, 20, (20_000, 3))
+    far = np.concatenate([cloud, [[6e3, -4e3, 10.0]]])
+    peaks = []
+    for points in (cloud, far):
+        tracemalloc.start()
+        grid = VoxelGrid.from_points(points, voxel_size=0.1)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert grid.is_sparse
+    assert grid.num_voxels > 2**31
+    assert peaks[1] < peaks[0] + 20e6
+    index = np.unique(np.floor(far / 0.1).astype(np.int64), axis=0)
+    np.testing.assert_array_equal(grid.occupied_index(), index - index.min(axis=0))
+    monkeypatch.setenv("VOXJAX_MEMORY", "0.01")
+    with pytest.raises(InputError, match=r"a grid of .* blocks of 8 x 8 x 8 voxels needs about"):
+        VoxelGrid.from_points(10 * cloud, voxel_size=0.1)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=20, deadline=None)
+def test_clouds_in_blocks_are_clouds_in_dense_arrays(seed):
+    rng = np.random.default_rng(seed)
+    points = rng.normal(0, rng.uniform(0.1, 3, 3), (rng.integers(1, 400), 3))
+    dense, origin = grid_from_points(points, voxel_size=0.1)
+    blocks, there = grid_from_points(points, voxel_size=0.1, most_dense=0)
+    np.testing.assert_array_equal(blocks.dense(), dense)
+    np.testing.assert_array_equal(there, origin)

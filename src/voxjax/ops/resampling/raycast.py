@@ -5,6 +5,7 @@ host functions around it cut rays into batches of similar length, so that memory
 long for another.
 """
 
+import math
 from collections.abc import Callable, Iterator
 from typing import TypeVar
 
@@ -18,7 +19,13 @@ from ..._runtime.buckets import bucket_size, pad_rows
 from ..._runtime.forks import refused_after_fork
 from ..._runtime.memory import check_memory
 from ..._types import FREE, OCCUPIED, UNKNOWN, Array
+from ..blocks.block_array import BLOCK_VOXELS, BlockArray
+from ..blocks.voxel_list import blocks_with, count_blocks
+from ..blocks.windows import TILE
 from .lattice import MAX_VOXELS, check_places
+
+MAX_BLOCK_VOXELS = (1 << 31) * BLOCK_VOXELS
+"""Voxels of a box whose blocks int32 counts."""
 
 _ADVICE = "give a larger voxel_size, or drop points far out (max_range cuts rays)"
 
@@ -185,7 +192,8 @@ def grid_from_points(
     sensor_origins: object = None,
     max_range: float | None = None,
     max_voxels: int | None = None,
-) -> tuple[UInt8[np.ndarray, "x y z"], Float64[np.ndarray, "3"]]:
+    most_dense: int = TILE,
+) -> tuple[UInt8[np.ndarray, "x y z"] | BlockArray, Float64[np.ndarray, "3"]]:
     """Make the states of a grid from a cloud, its origin on the lattice of multiples of `voxel_size`.
 
     A voxel that holds a point is occupied; with sensor origins, other voxels that a ray crosses are free.
@@ -195,8 +203,9 @@ def grid_from_points(
         voxel_size: Edge length of a voxel [m].
         sensor_origins: None, (3,) for all points or (n, 3), one a point [m].
         max_range: Rays longer than this [m] free space up to it and occupy nothing.
-        max_voxels: Largest grid; None for as many voxels as flat indices of int32 can count. Where rays are cast, the
-            kernel pads its grid, and takes half as many.
+        max_voxels: Largest grid; None for any box, or with sensors for half as many voxels as int32 can count, because
+            the kernel that casts rays works on the whole box, and pads it.
+        most_dense: Larger boxes without sensors are in blocks.
 
     Returns:
         States uint8 (x, y, z) that just hold the points and sensor origins, and the origin float64 (3,) [m].
@@ -214,10 +223,13 @@ def grid_from_points(
     # Without sensors each point is a ray of no length, so that one box serves both cases.
     starts = cloud if sensor_origins is None else _checked_origins(sensor_origins, len(cloud))
     ends, is_hit = _cut_rays(starts, cloud, max_range)
-    most = MAX_VOXELS if sensor_origins is None else MAX_VOXELS // 2
+    # Blocks are counted in int32, and so are the voxels that rays cross.
+    most = MAX_BLOCK_VOXELS if sensor_origins is None else MAX_VOXELS // 2
     low, shape = _lattice_box(
         np.concatenate([starts, ends]), voxel_size, most if max_voxels is None else min(max_voxels, most)
     )
+    if sensor_origins is None and math.prod(shape) > most_dense:
+        return _sparse_states(np.floor(cloud / voxel_size).astype(np.int64) - low, shape), low * voxel_size
     _check_memory(shape, voxel_size, has_rays=sensor_origins is not None)
     # Rays first, points after them: a voxel that holds a point is occupied, whatever else crosses it.
     states = np.full(shape, UNKNOWN, np.uint8)
@@ -228,6 +240,15 @@ def grid_from_points(
     hits = np.floor(ends[is_hit] / voxel_size).astype(np.int64) - low
     states[tuple(hits.T)] = OCCUPIED
     return states, low * voxel_size
+
+
+def _sparse_states(index: np.ndarray, shape: tuple[int, int, int]) -> BlockArray:
+    """States of a box in which some voxels are occupied."""
+    num_blocks = count_blocks(index)
+    # The list in the order of blocks, and the blocks, of which some are held twice.
+    need = 32.0 * len(index) + 2.0 * BLOCK_VOXELS * num_blocks
+    check_memory(need, f"a grid of {num_blocks:,} blocks of 8 x 8 x 8 voxels", _ADVICE, on_device=False)
+    return blocks_with(index, OCCUPIED, shape)
 
 
 def _split(places: np.ndarray, low: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
