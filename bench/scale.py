@@ -6,8 +6,9 @@ Frames: a generated pair at zero and in the coordinates of a national grid. Stra
 without one occupied voxel 600 m away, read and registered in processes of their own (seconds of the second call, peak
 of the resident set). Clouds and fragments are the real pairs of the folder of test maps that have no free space:
 seconds of features and of the exhaustive search in the second call, and errors at the working voxel size, at the files'
-own, and at 0.1 m, which finer maps were brought to before. Boxes: the same two buildings, ever farther apart. Site: two
-maps of a hillside with nine buildings, merged at their own resolution by the command, in a process of its own.
+own, and at 0.1 m, which finer maps were brought to before. Outdoors: clouds of a generated site. Boxes: the same two
+buildings, ever farther apart. Site: two maps of a hillside with nine buildings, merged at their own resolution by the
+command, in a process of its own.
 """
 
 import argparse
@@ -25,7 +26,7 @@ import voxjax as vx
 from bench.cases import Case, folder_cases, maps_folder
 from bench.memory import peak_megabytes
 from bench.reports import markdown_table, write_json
-from bench.scale_sites import box_rows, site_row
+from bench.scale_sites import box_rows, site_cloud_row, site_row
 from bench.sites import Site
 from bench.timing import setting
 from bench.worlds import MapPair
@@ -152,6 +153,7 @@ def main(argv: list[str]) -> int:
     a, b = team.grids[:2]
     parts = {"frames": [frame_row(a, b)], "strays": list(stray_rows(a, b))}
     with tempfile.TemporaryDirectory() as temporary:
+        parts["outdoors"] = [site_cloud_row(args.seed)]
         parts["boxes"] = list(box_rows(args.seed, a.voxel_size, Path(temporary)))
         if not args.quick:
             parts["site"] = [site_row(args.seed, Site(), Path(temporary))]

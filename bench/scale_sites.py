@@ -91,6 +91,36 @@ def box_rows(seed: int, voxel_size: float, folder: Path) -> Iterator[dict]:
         yield {"volume": factor, "box of a [voxel]": box} | found | {"metres": error.metres}
 
 
+def cloud_of_site(seed: int) -> MapPair:
+    """Two maps of a small site as clouds have it: surfaces alone, in voxels of 0.7 m."""
+    pair = simulate_site(seed, Site(sides=(113.0, 117.0, 17.0), num_buildings=6, voxel_size=0.7))
+    clouds = (
+        vx.VoxelGrid(np.where(grid.states == 2, 2, 0).astype(np.uint8), grid.origin, grid.voxel_size)
+        for grid in (pair.a, pair.b)
+    )
+    return MapPair(*clouds, pair.T_a_b, pair.overlap)
+
+
+def site_cloud_row(seed: int) -> dict:
+    """Register two clouds of a small site twice; seconds of the second time."""
+    pair = cloud_of_site(seed)
+    assert pair.T_a_b is not None
+    found = [vx.register(pair.a, pair.b) for _ in range(2)][-1]
+    error, seconds = (
+        pose_error(np.asarray(found.T_a_b), pair.T_a_b, pair.centroid_of_b),
+        found.stats["seconds"],
+    )
+    return {
+        "box of a [voxel]": " x ".join(map(str, pair.a.shape)),
+        "occupied": f"{pair.a.num_occupied} / {pair.b.num_occupied}",
+        "verdict": found.verdict,
+        "metres": error.metres,
+        "features [s]": seconds["features"],
+        "exhaustive [s]": seconds["exhaustive search"],
+        "all [s]": sum(seconds.values()),
+    }
+
+
 def apart(seed: int, factor: float, voxel_size: float) -> MapPair:
     """Two maps of two buildings each, in a box that has about `factor` times the volume of both side by side.
 
