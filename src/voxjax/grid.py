@@ -37,7 +37,8 @@ from .ops.blocks.kept import Sparse
 from .ops.resampling.lattice import about_middle, origin_in_voxels
 from .ops.resampling.raycast import grid_from_points
 from .ops.resampling.rescale import rescale_states
-from .ops.resampling.rigid import resample_rigid
+from .ops.resampling.rescale_blocks import rescale_blocks
+from .ops.resampling.rigid import resample_blocks, resample_rigid
 
 if TYPE_CHECKING:
     from jaxtyping import Float32, UInt8
@@ -274,7 +275,7 @@ class VoxelGrid(eqx.Module):
 
         Coarser: a voxel is occupied if any of its parts is, else free if any part is free, and has the highest of
         their log-odds. Finer: voxels are split. The ratio may be any number: each fine voxel goes where its centre
-        lies.
+        lies. What is sparse stays sparse.
 
         Raises:
             InputError: If `voxel_size` is no length above zero, or so small that the memory does not suffice.
@@ -284,29 +285,30 @@ class VoxelGrid(eqx.Module):
         # A grid between the cells of the lattice moves onto it even at its own voxel size.
         if voxel_size == self.voxel_size and (cell == np.rint(cell)).all():
             return self
-        states, origin, log_odds = rescale_states(
-            np.asarray(self.states),
-            np.asarray(self.origin),
-            self.voxel_size,
-            voxel_size,
-            None if self.log_odds is None else np.asarray(self.log_odds),
-        )
+        old, new = np.asarray(self.origin), (self.voxel_size, voxel_size)
+        if self.is_sparse:
+            states, origin, log_odds = rescale_blocks(self.state_blocks(), old, *new, self.log_odds_blocks())
+        else:
+            states, origin, log_odds = rescale_states(
+                np.asarray(self.states), old, *new, self._odds_on_host()
+            )
         return VoxelGrid(states, origin, voxel_size, log_odds)
+
+    def _odds_on_host(self) -> np.ndarray | None:
+        return None if self.log_odds is None else np.asarray(self.log_odds)
 
     def transformed(self, T: object) -> VoxelGrid:
         """The map moved by the rigid transform `T` (4, 4) and resampled on a lattice of the same voxel size.
 
         Backward lookup of the nearest voxel, so that surfaces get no holes. The origin of the result is a
         whole multiple of the voxel size; under the 24 rotations of the cube the whole grid is kept, under
-        others the box around what is known.
+        others the box around what is known. What is sparse stays sparse.
         """
-        states, origin, log_odds = resample_rigid(
-            np.asarray(self.states),
-            np.asarray(self.origin),
-            self.voxel_size,
-            check_pose("T", T),
-            None if self.log_odds is None else np.asarray(self.log_odds),
-        )
+        place = np.asarray(self.origin), self.voxel_size, check_pose("T", T)
+        if self.is_sparse:
+            states, origin, log_odds = resample_blocks(self.state_blocks(), *place, self.log_odds_blocks())
+        else:
+            states, origin, log_odds = resample_rigid(np.asarray(self.states), *place, self._odds_on_host())
         return VoxelGrid(states, origin, self.voxel_size, log_odds)
 
     def equals(self, other: VoxelGrid) -> bool:

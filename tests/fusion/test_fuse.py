@@ -10,6 +10,7 @@ from oracles import fusion as oracle
 from oracles.motions import pose_of, turned
 from voxjax import InputError, VoxelGrid
 from voxjax.fusion.fuse import fuse_memory
+from voxjax.fusion.nearest import plan_fusion
 
 SIZE = 0.1
 I = np.eye(4)
@@ -192,7 +193,11 @@ def test_a_pose_that_overflows_is_refused_and_no_map_is_left_out(distance, turn,
 def test_a_fused_map_that_memory_will_not_hold_is_refused_before_it_is_made(monkeypatch, rule):
     near, far = VoxelGrid(np.ones((4, 4, 4), np.uint8), np.zeros(3), SIZE), np.eye(4)
     far[:3, 3] = 60 * SIZE
-    need = fuse_memory(64**3, [near.states.size] * 2, has_log_odds=rule == "log_odds")
+    plan = plan_fusion([near, near], [I, far], rule=rule, voxel_size=SIZE)
+    assert plan is not None
+    num_blocks = sum(plan.count(*window)[1] for window in plan.windows())
+    assert 2 <= num_blocks <= 64  # of the 512 of the box
+    need = fuse_memory(num_blocks, has_log_odds=rule == "log_odds")
     monkeypatch.setenv("VOXJAX_MEMORY", str(1.01 * need / 1e9))
     assert vx.fuse([near, near], [I, far], rule=rule).shape == (64, 64, 64)
     monkeypatch.setenv("VOXJAX_MEMORY", str(0.99 * need / 1e9))

@@ -1,5 +1,7 @@
 """Rigid motions for tests, by SciPy; import nothing of the library."""
 
+import itertools
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -50,3 +52,13 @@ def nudged(T, point, rng, *, metres, degrees):
     image = moved(T, np.atleast_2d(point))[0] + shift / np.linalg.norm(shift) * metres
     rotation = turn @ T[:3, :3]
     return pose_of(rotation, image - rotation @ np.asarray(point, np.float64))
+
+
+def cube_rotations():
+    """The 24 rotations (3, 3) of the cube."""
+    turns = (
+        np.eye(3)[list(axes)] * np.array(signs)[:, None]
+        for axes in itertools.permutations(range(3))
+        for signs in itertools.product((1, -1), repeat=3)
+    )
+    return [turn for turn in turns if np.linalg.det(turn) > 0]

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..ops.resampling.axis_plans import plan_axis
 from ..ops.resampling.lattice import origin_of_cell
-from ..ops.resampling.rescale import plan_axis
 from .leaves import NUM_KEYS, LeafMap, Leaves
 
 

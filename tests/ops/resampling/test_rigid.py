@@ -1,26 +1,24 @@
 """Rigid resampling: laws and the voxel-by-voxel definition."""
 
-import itertools
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from tests import dense_fusion
+from tests.ops.blocks.boxes import random_boxes
 
+import voxjax as vx
 from oracles import resampling as oracle
-from oracles.motions import pose_of
+from oracles.motions import cube_rotations, pose_of
 from voxjax import InputError
+from voxjax.ops.blocks.block_array import BlockArray, blocks_of
 from voxjax.ops.resampling.interpolate import resample_nearest
 from voxjax.ops.resampling.rigid import resample_rigid, source_from_target
 
 SIZE = 0.1
-CUBE_ROTATIONS = [
-    np.eye(3)[list(axes)] * np.array(signs)[:, None]
-    for axes in itertools.permutations(range(3))
-    for signs in itertools.product((1, -1), repeat=3)
-    if np.linalg.det(np.eye(3)[list(axes)] * np.array(signs)[:, None]) > 0
-]
+CUBE_ROTATIONS = cube_rotations()
+ZERO = np.zeros(3)
 
 
 def make_pose(rotation=None, translation=(0.0, 0.0, 0.0)) -> np.ndarray:
@@ -123,3 +121,46 @@ def test_a_result_that_fits_no_memory_is_refused():
     states = np.broadcast_to(np.uint8(1), (1, 1, 1 << 22))
     with pytest.raises(InputError, match="crop it"):
         resample_rigid(states, np.zeros(3, np.float32), SIZE, T)
+
+
+def make_map(seed, shape, *, frame=ZERO):
+    """A map whose log-odds are not 0 everywhere where nothing is known."""
+    states = random_boxes(shape, seed=seed, num_boxes=8)
+    log_odds = np.array([0.0, -2.0, 1.5], np.float32)[states]
+    odd = np.random.default_rng(seed).random(shape) < 0.002
+    log_odds[odd] = 0.25
+    return vx.VoxelGrid(states, np.array([0.3, -0.52, 1.1]) + frame, SIZE, log_odds)
+
+
+@pytest.mark.parametrize("number", range(12))
+@pytest.mark.parametrize("is_turned", [True, False], ids=["turned", "cube"])
+def test_a_sparse_map_is_moved_to_the_bits_of_the_dense_way(number, is_turned):
+    rng = np.random.default_rng(number)
+    grid = make_map(number, (37, 25, 18), frame=np.array([4e5, 5e6, 300.0]) if number % 3 == 0 else ZERO)
+    rotation = Rotation.random(rng=rng).as_matrix() if is_turned else CUBE_ROTATIONS[2 * number + 1]
+    T = pose_of(rotation, rng.uniform(-3, 3, 3) if is_turned else SIZE * rng.integers(-30, 30, 3))
+    sparse = vx.VoxelGrid(grid.state_blocks(), grid.origin, SIZE, grid.log_odds_blocks())
+    expected, moved = dense_fusion.transformed(grid, T), sparse.transformed(T)
+    assert moved.is_sparse
+    for found in (moved, grid.transformed(T)):
+        assert found.shape == expected.shape
+        np.testing.assert_array_equal(found.origin, expected.origin)
+        np.testing.assert_array_equal(found.states, expected.states)
+        np.testing.assert_array_equal(found.log_odds, expected.log_odds)
+    assert moved.num_occupied > 10
+
+
+def test_a_sparse_map_in_a_huge_box_is_moved_at_the_cost_of_what_is_in_it():
+    room = random_boxes((40, 33, 20), seed=1)
+    blocks = blocks_of(room)
+    table = np.zeros((512, 512, 128), np.int32)
+    table[300:305, 17:22, 90:93] = blocks.table
+    huge = BlockArray(table, blocks.pool, (4096, 4096, 1024))
+    T = pose_of(CUBE_ROTATIONS[5], (1.0, 2.0, -3.0))
+    moved = vx.VoxelGrid(huge, np.zeros(3), SIZE).transformed(T)
+    assert sorted(moved.shape) == [1024, 4096, 4096]
+    assert moved.num_occupied == np.count_nonzero(room == 2)
+    # The same room alone, where it lies in the huge box.
+    alone = vx.VoxelGrid(room, SIZE * 8 * np.array([300, 17, 90]), SIZE).transformed(T)
+    low = np.rint((alone.origin - moved.origin) / SIZE).astype(int)
+    np.testing.assert_array_equal(moved.states_in(low, low + alone.shape), alone.states)

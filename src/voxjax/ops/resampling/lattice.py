@@ -5,6 +5,8 @@ from jaxtyping import Float, Int, Real
 
 from ..._checks import InputError
 from ...frames import image
+from ..blocks.block_array import BlockArray
+from .outermost import outermost_in_blocks, outermost_known
 
 MAX_VOXELS = 2**31 - 1
 """Largest dense grid: flat indices fit int32."""
@@ -68,7 +70,7 @@ def check_num_voxels(shape: Real[np.ndarray, "3"], what: str, advice: str, most:
 
 
 def moved_bounds(
-    states: np.ndarray,
+    states: np.ndarray | BlockArray,
     origin: Float[np.ndarray, "3"],
     voxel_size: float,
     T: Float[np.ndarray, "4 4"],
@@ -81,7 +83,7 @@ def moved_bounds(
     moved grid.
 
     Args:
-        states: uint8 (x, y, z).
+        states: uint8 (x, y, z), dense or in blocks.
         origin: Outer corner [m].
         voxel_size: Width of the grid's voxels [m].
         T: Pose that moves the grid.
@@ -102,7 +104,11 @@ def moved_bounds(
         low, high = np.zeros((1, 3)), np.asarray([states.shape], np.float64)
         centres, half = (low + high) / 2, high[0] / 2
     else:
-        centres, half = _outermost_known(states) + 0.5, np.full(3, 0.5)
+        # A moved voxel is the lowest or highest along an axis if it lies outermost along a row of the rotation.
+        rows = np.concatenate([rotation, -rotation])
+        in_blocks = isinstance(states, BlockArray)
+        known = outermost_in_blocks(states, rows) if in_blocks else outermost_known(states)
+        centres, half = known + 0.5, np.full(3, 0.5)
     if not len(centres) or not all(states.shape):
         return np.zeros(3, np.int64), np.zeros(3, np.int64)
     # A turned box reaches along each axis as far as its half edges do there together, hence the absolute values.
@@ -142,15 +148,3 @@ def check_places(
             f"a map with voxels of {voxel_size:g} m that reaches {farthest:.4g} m from the origin of its frame is "
             f"placed in steps of {step:.2g} m only; {advice}."
         )
-
-
-def _outermost_known(states: np.ndarray) -> Int[np.ndarray, "n 3"]:
-    """Lowest and highest known voxel of each column along z; they have the convex hull of all."""
-    is_known = states != 0
-    if not is_known.any():
-        return np.zeros((0, 3), np.int64)
-    columns = np.argwhere(is_known.any(axis=2))
-    z_low = is_known.argmax(axis=2)[tuple(columns.T)]
-    z_high = states.shape[2] - 1 - is_known[:, :, ::-1].argmax(axis=2)[tuple(columns.T)]
-    ends = [np.concatenate([columns, z[:, None]], axis=1) for z in (z_low, z_high)]
-    return np.concatenate(ends, axis=0)

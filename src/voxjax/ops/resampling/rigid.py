@@ -1,23 +1,23 @@
 """Rigid resampling of grids by backward lookup: each target voxel asks where its centre came from.
 
-Forward moves would leave holes; backward lookup cannot. `lookup_chunk` works in pieces of one shape, so that
-maps of any size share a few compiled programs and memory stays bounded. For whole grids under jit, vmap and
-grad see `interpolate`.
+Forward moves would leave holes; backward lookup cannot. It goes block by block, see `block_lookup`, so that maps of any
+size share a few compiled programs, and time and memory follow what is known. For whole grids under jit, vmap and grad
+see `interpolate`.
 """
 
-import functools
+from collections.abc import Sequence
+from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Float64, Int32, Shaped, UInt8
+from jaxtyping import Float, Float32, Float64, Shaped, UInt8
 
-from ..._runtime.buckets import bucket_size
 from ..._runtime.forks import refused_after_fork
 from ..._runtime.memory import check_memory
-from ..._types import Array
 from ...frames import snapped, to_local
-from .interpolate import TIE, is_within
+from ..blocks.block_array import BLOCK_VOXELS, BlockArray, BlockBuilder, blocks_of
+from ..blocks.windows import cut_tiles
+from ..blocks.words import BLOCK
+from .block_lookup import LEVEL, MIXED, MovedBlocks, check_target, runs
 from .lattice import (
     about_middle,
     cell_of_image,
@@ -26,6 +26,8 @@ from .lattice import (
     origin_in_voxels,
     origin_of_cell,
 )
+
+_WHAT, _ADVICE = "the moved map", "crop it to its known part or coarsen it first"
 
 
 def source_from_target(
@@ -46,67 +48,6 @@ def source_from_target(
     corner = np.asarray(target_cell, np.float64) * target_voxel_size - matrix[:3, 3]
     offset = inverse @ corner / source_voxel_size - origin_in_voxels(source_origin, source_voxel_size)
     return np.concatenate([inverse * scale, offset[:, None]], axis=1).astype(np.float32)
-
-
-@functools.partial(jax.jit, static_argnames=("size",))
-def lookup_chunk(
-    source_shape: Int32[Array, "3"],
-    source_from_target: Float32[Array, "3 4"],
-    target_shape: Int32[Array, "3"],
-    start: Int32[Array, ""],
-    *,
-    size: int,
-) -> tuple[Int32[Array, " size"], Bool[Array, " size"]]:
-    """Flat source index of the nearest voxel for a run of flat target indices, and whether there is one.
-
-    Args:
-        source_shape: Traced, so that sources of all shapes share one program.
-        source_from_target: Affine map (3, 4) that the function of that name gives.
-        target_shape: Traced.
-        start: First flat target index.
-        size: Length of the run, static.
-    """
-    # The last run is longer than what is left of the target: its surplus looks up the last voxel, and is cut off later.
-    flat = jnp.minimum(start + jnp.arange(size, dtype=jnp.int32), jnp.prod(target_shape, dtype=jnp.int32) - 1)
-    # No numbers are negative: `//` and `%` would look after signs, at three times the price.
-    row = jax.lax.div(flat, jnp.full_like(flat, target_shape[2]))
-    x = jax.lax.div(row, jnp.full_like(row, target_shape[1]))
-    y, z = row - x * target_shape[1], flat - row * target_shape[2]
-    centre = [axis.astype(jnp.float32) + jnp.float32(0.5) for axis in (x, y, z)]
-    m = source_from_target
-    # Written out by rows: a matrix product may run in a lower precision on some devices.
-    coordinates = [
-        m[a, 0] * centre[0] + m[a, 1] * centre[1] + m[a, 2] * centre[2] + m[a, 3] for a in range(3)
-    ]
-    i, j, k = (jnp.floor(axis + TIE).astype(jnp.int32) for axis in coordinates)
-    is_inside = is_within(i, source_shape[0]) & is_within(j, source_shape[1]) & is_within(k, source_shape[2])
-    # Outside of the source the product may wrap round, and voxel 0 is looked up in its place.
-    return jnp.where(is_inside, (i * source_shape[1] + j) * source_shape[2] + k, 0), is_inside
-
-
-@jax.jit
-def take_flat(
-    values: Shaped[Array, " n"], index: Int32[Array, " m"], is_inside: Bool[Array, " m"]
-) -> Shaped[Array, " m"]:
-    """Values at flat indices, 0 where there is none."""
-    return jnp.where(is_inside, jnp.asarray(values)[index], jnp.zeros((), values.dtype))
-
-
-def chunk_size(num_voxels: int) -> int:
-    """Length of the runs into which a target of so many voxels is cut."""
-    # Small grids share one program; large ones go in pieces that bound the memory of coordinates.
-    smallest_chunk = 1 << 15
-    largest_chunk = 1 << 20
-    return min(bucket_size(num_voxels, smallest_chunk), largest_chunk)
-
-
-def flat_source(values: np.ndarray) -> jax.Array:
-    """A grid as a flat device array, padded to the ladder of shapes."""
-    # Sources of few lengths share a program.
-    smallest_source = 1 << 15
-    padded = np.zeros(bucket_size(values.size, smallest_source), values.dtype)
-    padded[: values.size] = values.reshape(-1)
-    return jnp.asarray(padded)
 
 
 @refused_after_fork
@@ -136,34 +77,91 @@ def resample_rigid(
     Raises:
         InputError: If the result would have more than 2**31 - 1 voxels, or needs more memory than there is.
     """
+    target = _target(states, origin, voxel_size, T)
+    check_num_voxels(np.asarray(target.shape), _WHAT, _ADVICE)
+    kept = [states] if log_odds is None else [states, log_odds]
+    # The result, the blocks of both, and what these are put together from.
+    num_bytes = 1 if log_odds is None else 5
+    check_memory(num_bytes * (2.0 * float(np.prod(target.shape)) + 3.0 * states.size), _WHAT, _ADVICE)
+    found = [moved.dense() for moved in _moved([blocks_of(values) for values in kept], target)]
+    return np.asarray(found[0]), target.origin, None if log_odds is None else np.asarray(found[1])
+
+
+@refused_after_fork
+def resample_blocks(
+    states: BlockArray,
+    origin: Float[np.ndarray, "3"],
+    voxel_size: float,
+    T: Float[np.ndarray, "4 4"],
+    log_odds: BlockArray | None = None,
+) -> tuple[BlockArray, Float64[np.ndarray, "3"], BlockArray | None]:
+    """Move a grid in blocks as `resample_rigid` does with a dense one; the box may be of any size.
+
+    Args:
+        states: uint8 (x, y, z): 0 unknown, 1 free, 2 occupied.
+        origin: Outer corner [m].
+        voxel_size: Width of the voxels of grid and result [m].
+        T: Pose that moves the grid.
+        log_odds: float32, or None.
+
+    Returns:
+        States, origin and log-odds (None if not given).
+
+    Raises:
+        InputError: If the result reaches farther than its voxels can be placed, or needs more memory than there is.
+    """
+    target = _target(states, origin, voxel_size, T)
+    arrays = [states] if log_odds is None else [states, log_odds]
+    # A block that is turned meets two or three of the target; they are put together from pieces.
+    num_bytes = sum(np.count_nonzero(~v.is_uniform) * float(v.dtype.itemsize) * BLOCK_VOXELS for v in arrays)
+    check_memory(6.0 * num_bytes, _WHAT, _ADVICE)
+    found = _moved(arrays, target)
+    return found[0], target.origin, None if log_odds is None else found[1]
+
+
+class _Target(NamedTuple):
+    """Where a moved grid lies: its outer corner [m], number of voxels, and the map back to voxels of the source."""
+
+    origin: Float64[np.ndarray, "3"]
+    shape: tuple[int, int, int]
+    affine: Float32[np.ndarray, "3 4"]
+
+
+def _target(
+    states: np.ndarray | BlockArray, origin: np.ndarray, voxel_size: float, T: Float[np.ndarray, "4 4"]
+) -> _Target:
+    """Where a grid lies after it has been moved by `T`.
+
+    Raises:
+        InputError: If it reaches farther than its voxels can be placed.
+    """
     # Bounds and lookups are worked out where numbers are small, and the result is put back by whole cells.
     origin, place = about_middle(origin, states.shape, voxel_size)
     zero = cell_of_image(T, place, voxel_size)
     T = snapped(to_local(T, origin_of_cell(zero, voxel_size), place), voxel_size)
     low, high = moved_bounds(states, origin, voxel_size, T, voxel_size)
     # Where nothing is known, both bounds are one, and a single unknown voxel stands for it.
-    shape = np.maximum(high - low, 1)
-    advice = "crop it to its known part or coarsen it first"
-    check_num_voxels(shape, "the moved map", advice)
-    # States and log-odds of the result, and both of the source padded by up to a half on the device.
-    per_voxel = 1.0 if log_odds is None else 5.0
-    check_memory(per_voxel * (float(np.prod(shape)) + 1.5 * states.size), "the moved map", advice)
-    # The pose is applied once, to where each target voxel comes from; states and log-odds share the places.
+    x, y, z = np.maximum(high - low, 1).tolist()
+    check_target((x, y, z), _WHAT, _ADVICE)
     affine = source_from_target(T, origin, voxel_size, low, voxel_size)
-    num_voxels = int(np.prod(shape))
-    moved = np.zeros(num_voxels, np.uint8)
-    moved_odds = None if log_odds is None else np.zeros(num_voxels, np.float32)
-    if states.size:
-        flat = flat_source(states)
-        flat_odds = None if log_odds is None else flat_source(log_odds)
-        size = chunk_size(num_voxels)
-        shapes = np.asarray(states.shape, np.int32), shape.astype(np.int32)
-        for start in range(0, num_voxels, size):
-            index, inside = lookup_chunk(shapes[0], affine, shapes[1], np.int32(start), size=size)
-            count = min(size, num_voxels - start)
-            moved[start : start + count] = np.asarray(take_flat(flat, index, inside))[:count]
-            if flat_odds is not None and moved_odds is not None:
-                moved_odds[start : start + count] = np.asarray(take_flat(flat_odds, index, inside))[:count]
-    target = tuple(shape.tolist())
-    odds = None if moved_odds is None else moved_odds.reshape(target)
-    return moved.reshape(target), origin_of_cell(low + zero, voxel_size), odds
+    return _Target(origin_of_cell(low + zero, voxel_size), (x, y, z), affine)
+
+
+def _moved(arrays: Sequence[BlockArray], target: _Target) -> list[BlockArray]:
+    """The arrays looked up in the target, window by window."""
+    builders = [BlockBuilder(target.shape, array.dtype) for array in arrays]
+    source = MovedBlocks(tuple(arrays), target.affine)
+    for tile in cut_tiles(target.shape, halo=0, most=1 << 23):
+        low, high = tile.low // BLOCK, -(-tile.high // BLOCK)
+        if not source.holds_any(low, high):
+            continue
+        kind = source.survey(low, high).kind
+        level, mixed = low + np.argwhere(kind == LEVEL), low + np.argwhere(kind == MIXED)
+        for builder, values in zip(builders, source.middles(level), strict=True):
+            builder.put(level, values)
+        look_up = source.look_up(mixed)
+        for part, length in runs(len(mixed)):
+            for builder, values in zip(builders, look_up(part, length), strict=True):
+                blocks = np.asarray(values)[: part.stop - part.start]
+                builder.add(mixed[part], blocks.reshape(-1, BLOCK, BLOCK, BLOCK))
+    return [builder.finish() for builder in builders]
