@@ -126,7 +126,7 @@ def test_good_maps_get_no_remarks(maps_folder):
 @pytest.mark.parametrize("ending", [".ply", ".bt", ".ot"])
 def test_a_map_that_cannot_be_packed_in_the_memory_is_refused(tmp_path, monkeypatch, ending):
     grid = VoxelGrid(np.random.default_rng(0).integers(1, 3, (64, 64, 64)).astype(np.uint8), np.zeros(3), 0.1)
-    monkeypatch.setenv("VOXJAX_MEMORY", "0.004")
+    monkeypatch.setenv("VOXJAX_MEMORY", "0.001")
     with pytest.raises(
         InputError, match=rf"m\{ending} cannot be written: .* GB of memory .* write .* as \.npz"
     ):

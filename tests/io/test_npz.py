@@ -8,6 +8,7 @@ import pytest
 
 from voxjax import InputError, VoxelGrid
 from voxjax.io.npz import decode_npz, encode_npz
+from voxjax.ops.blocks.block_array import BlockBuilder, blocks_of
 
 
 def make_grid(with_log_odds=False) -> VoxelGrid:
@@ -243,3 +244,26 @@ def doubled_states() -> bytes:
     with zipfile.ZipFile(buffer, "a") as archive:
         archive.writestr("states.npy", b"")
     return buffer.getvalue()
+
+
+@pytest.mark.parametrize("shape", [(0, 3, 2), (1, 1, 1), (41, 9, 30)])
+def test_a_map_in_blocks_gives_the_bytes_of_the_dense_one(shape):
+    rng = np.random.default_rng(0)
+    states = rng.integers(0, 3, shape).astype(np.uint8)
+    odds = rng.normal(0, 1, shape).astype(np.float32)
+    dense = VoxelGrid(states, [1.0, 2.0, 3.0], 0.25, odds)
+    sparse = VoxelGrid(blocks_of(states), [1.0, 2.0, 3.0], 0.25, blocks_of(odds))
+    data = encode_npz(sparse)
+    assert data == encode_npz(dense)
+    if all(shape):
+        with np.load(io.BytesIO(data)) as found:
+            np.testing.assert_array_equal(found["states"], states)
+            np.testing.assert_array_equal(found["log_odds"], odds)
+
+
+def test_a_box_of_more_voxels_than_a_file_holds_is_refused_with_the_formats_that_can():
+    far = VoxelGrid(BlockBuilder((1 << 14, 1 << 14, 8), np.uint8).finish(), np.zeros(3), 0.1)
+    with pytest.raises(
+        InputError, match=r"at most 2,147,483,647, and this one has 2,147,483,648; write it as \.bt"
+    ):
+        encode_npz(far)

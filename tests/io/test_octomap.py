@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from oracles import octree as oracle
 from voxjax import InputError, VoxelGrid
 from voxjax.io.octomap import LOG_ODDS_FREE, LOG_ODDS_OCCUPIED, decode_bt, decode_ot, encode_bt, encode_ot
+from voxjax.ops.blocks.block_array import BlockBuilder
 
 SIZE = 0.1
 
@@ -67,6 +68,30 @@ def test_bt_holds_the_pruned_tree_of_the_grid(seed):
     leaves = oracle.leaves_of_bt(body(encode_bt(grid)))
     assert leaves == oracle.pruned(filled)
     assert oracle.voxels(leaves) == filled
+
+
+def test_a_box_of_more_voxels_than_int32_counts_goes_there_and_back():
+    far = np.array([[0, 0, 0], [5, 3, 1], [40_000, 900, 300], [40_001, 901, 299]])
+    builder = BlockBuilder((40_007, 1001, 310), np.uint8)
+    builder.put_boxes(np.array([[100, 20, 7]]), (64, 32, 16), np.array([1], np.uint8))
+    for x, y, z in far:
+        block = np.zeros((1, 8, 8, 8), np.uint8)
+        block[0, x % 8, y % 8, z % 8] = 2
+        if (x, y) != (40_001, 901):
+            builder.add(np.array([[x // 8, y // 8, z // 8]]), block)
+    grid = VoxelGrid(builder.finish(), np.array([-20_003, 17, 5]) * SIZE, SIZE)
+    assert grid.num_voxels > 2**31
+    expected = grid.crop_to_known()
+    tracemalloc.start()
+    for encode, decode in ((encode_bt, decode_bt), (encode_ot, decode_ot)):
+        back = decode(encode(grid))
+        assert back.is_sparse
+        assert back.state_blocks().equals(expected.state_blocks())
+        np.testing.assert_allclose(back.origin, expected.origin)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # A table of the box has 100 MB, of which few pages are written; the dense array would have 12 GB.
+    assert peak < 150_000_000
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -262,6 +287,7 @@ def test_unusable_ot_bytes_are_refused_in_one_sentence(data, sentence):
     ],
 )
 def test_a_small_file_that_expands_to_a_huge_grid_costs_its_table(decode, data):
+    decode(data)  # makes tables that are kept
     tracemalloc.start()
     grid = decode(data)
     peak = tracemalloc.get_traced_memory()[1]

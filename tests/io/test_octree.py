@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from voxjax import InputError
-from voxjax.io.octree import pre_order, prune, subtree_ends, walk_levels
+from voxjax.io.octree import subtree_ends, walk_levels
 
 
 def test_subtrees_end_where_the_next_sibling_begins():
@@ -31,17 +31,3 @@ def test_levels_know_the_lowest_voxel_of_each_record():
     assert root_key.tolist() == [[0, 0, 0]]
     assert records.tolist() == [1, 2]
     assert keys.tolist() == [[32768, 0, 0], [0, 32768, 32768]]
-
-
-def test_eight_equal_voxels_become_one_leaf():
-    voxels, parents = prune(np.full((2, 2, 2), 2, np.uint8), None, np.array([4, 4, 4]))[:-3:-1]
-    assert (voxels.code == 2).all()
-    assert parents.low.tolist() == [2, 2, 2]
-    assert parents.code[0, 0, 0] == 2
-    split = prune(np.array([[[1, 2]]], np.uint8), None, np.array([4, 4, 4]))
-    assert split[-2].code[0, 0, 0] == 3
-
-
-def test_pre_order_puts_parents_before_children_and_children_by_number():
-    key = np.array([[1, 0, 0], [0, 0, 0], [0, 0, 1], [0, 1, 0], [0, 0, 0]])
-    assert pre_order(key, np.array([16, 16, 16, 16, 15])).tolist() == [4, 1, 0, 3, 2]

@@ -4,7 +4,7 @@ import io
 import math
 import re
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from itertools import product
 from typing import NamedTuple
@@ -14,6 +14,7 @@ import numpy as np
 from .._checks import InputError, shown
 from .._types import OCCUPIED
 from ..grid import VoxelGrid
+from ..ops.resampling.lattice import MAX_VOXELS
 from .budget import Budget
 from .text_header import whole_number
 
@@ -34,27 +35,45 @@ _MOST_AT_ONCE = 1 << 20
 
 def encode_npz(grid: VoxelGrid) -> bytes:
     """Bytes of the `.npz` file of a grid; equal grids give equal bytes."""
-    arrays = {
-        "voxjax_map": np.int32(VERSION),
-        "states": np.asarray(grid.states),
-        "origin": np.asarray(grid.origin),
-        "voxel_size": np.float64(grid.voxel_size),
-    }
-    if grid.log_odds is not None:
-        arrays["log_odds"] = np.asarray(grid.log_odds)
+    if grid.is_sparse and grid.num_voxels > MAX_VOXELS:
+        raise InputError(
+            f".npz files hold all voxels of a box, at most {MAX_VOXELS:,}, and this one has {grid.num_voxels:,}; "
+            "write it as .bt, .ot or .zarr, or crop it"
+        )
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=6) as archive:
-        for name, array in arrays.items():
-            # ZipInfo's fixed date keeps the bytes independent of the clock.
-            entry = zipfile.ZipInfo(f"{name}.npy")
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            # An entry's size is not known before it is written, and zipfile must be told that it may pass 2 GiB.
-            with archive.open(entry, "w", force_zip64=True) as file:
-                # Values are written in C order, whatever their order in memory, so that equal grids give equal bytes.
-                np.lib.format.write_array(
-                    file, np.asarray(array, _DTYPES[name], order="C"), allow_pickle=False
-                )
+        _write_array(archive, "voxjax_map", (), [np.int32(VERSION)])
+        _write_array(archive, "states", grid.shape, _planes(grid, grid.states_in))
+        _write_array(archive, "origin", (3,), [np.asarray(grid.origin)])
+        _write_array(archive, "voxel_size", (), [np.float64(grid.voxel_size)])
+        if grid.has_log_odds:
+            _write_array(archive, "log_odds", grid.shape, _planes(grid, grid.log_odds_in))
     return buffer.getvalue()
+
+
+def _planes(grid: VoxelGrid, values_in: Callable) -> Iterator[np.ndarray]:
+    """Windows of a grid, some planes each, one after the other along x."""
+    nx, ny, nz = grid.shape
+    step = max((1 << 24) // max(ny * nz, 1), 1)
+    for start in range(0, nx, step):
+        yield values_in((start, 0, 0), (min(start + step, nx), ny, nz))
+
+
+def _write_array(
+    archive: zipfile.ZipFile, name: str, shape: tuple[int, ...], parts: Iterable[np.ndarray | np.generic]
+) -> None:
+    """Write one array, whose values come in parts."""
+    # ZipInfo's fixed date keeps the bytes independent of the clock.
+    entry = zipfile.ZipInfo(f"{name}.npy")
+    entry.compress_type = zipfile.ZIP_DEFLATED
+    kind = _DTYPES[name]
+    header = {"descr": kind.str, "fortran_order": False, "shape": shape}
+    # An entry's size is not known before it is written, and zipfile must be told that it may pass 2 GiB.
+    with archive.open(entry, "w", force_zip64=True) as file:
+        np.lib.format.write_array_header_1_0(file, header)
+        for part in parts:
+            # Values are written in C order, whatever their order in memory, so that equal grids give equal bytes.
+            file.write(np.asarray(part, kind).tobytes("C"))
 
 
 def decode_npz(data: bytes, *, max_voxels: int | None = None) -> VoxelGrid:

@@ -15,17 +15,18 @@ from .._runtime.memory import check_memory
 from .._types import OCCUPIED, UNKNOWN
 from ..grid import VoxelGrid
 from ..maps.isolated import IsolatedPieces
-from ..ops.blocks.block_array import BlockBuilder
+from ..ops.blocks.block_array import BlockArray, BlockBuilder
+from .block_tree import families, words_of
 from .budget import Budget
 from .canvas import canvas_for
 from .crop import check_crop, nothing_within
 from .fit import check_fit
 from .leaf_parts import cut_leaves
 from .leaf_strays import split_leaves, stray_bytes
-from .leaves import DEPTH, NUM_KEYS, LeafMap
+from .leaves import NUM_KEYS, LeafMap
 from .octomap_header import BINARY_LINE, FULL_LINE, write_header
 from .octomap_leaves import PLAIN_NODE, leaves_of_bt, leaves_of_ot
-from .octree import INNER, TreeLevel, children_of, pre_order, prune
+from .octree import INNER
 from .paint import paint
 
 # What OctoMap gives to the leaves of a binary file: its clamping thresholds, probabilities 0.971 and 0.1192.
@@ -145,29 +146,20 @@ def encode_bt(grid: VoxelGrid) -> bytes:
     """Bytes of the pruned `.bt` file of a grid; log-odds are left out.
 
     Raises:
-        InputError: If the grid does not lie on OctoMap's lattice or within its range.
+        InputError: If the grid does not lie on OctoMap's lattice or within its range, or there is not enough memory.
     """
-    low, states, _ = _known_box(grid)
+    states, low = grid.state_blocks(), _lowest_key(grid)
     if low is None:
         return write_header(BINARY_LINE, 0, grid.voxel_size)
-    levels = prune(states, None, low)
-    _check_nodes(levels, ".bt", 350)
-    keys, depths, words, num_nodes = [], [], [], 1
-    for depth in range(DEPTH):
-        index = np.argwhere(levels[depth].code == INNER)
-        children = children_of(levels, depth, index)
+    _check_nodes(states, ".bt", bytes_per_inner=35, bytes_per_leaf=0)
+    order, words, num_nodes = [], [], 1
+    for some in families(states, None, low):
         # The word of an inner node holds two bits for each child; leaves have no word of their own.
-        codes = levels[depth + 1].code[tuple(np.moveaxis(children, -1, 0))].astype(np.uint16)
-        num_nodes += int(np.count_nonzero(codes))
-        words.append((codes << np.arange(0, 16, 2, dtype=np.uint16)).sum(axis=1, dtype=np.uint16))
-        # A node's key is that of its lowest voxel, so that nodes of all levels are sorted together.
-        keys.append((index + levels[depth].low) << (DEPTH - depth))
-        depths.append(np.full(len(index), depth, np.uint8))
-    order = pre_order(np.concatenate(keys), np.concatenate(depths))
-    return (
-        write_header(BINARY_LINE, num_nodes, grid.voxel_size)
-        + np.concatenate(words)[order].astype("<u2").tobytes()
-    )
+        order.append(some.order_of(some.depth, some.parent))
+        words.append(words_of(some.code))
+        num_nodes += int(np.count_nonzero(some.code))
+    sorted_words = np.concatenate(words)[np.argsort(np.concatenate(order))]
+    return write_header(BINARY_LINE, num_nodes, grid.voxel_size) + sorted_words.astype("<u2").tobytes()
 
 
 def encode_ot(grid: VoxelGrid) -> bytes:
@@ -176,62 +168,61 @@ def encode_ot(grid: VoxelGrid) -> bytes:
     A grid without log-odds gets OctoMap's clamping values, 3.51 for occupied and -2.0 for free voxels.
 
     Raises:
-        InputError: If the grid does not lie on OctoMap's lattice or within its range, or its log-odds are not
-            finite or contradict its states.
+        InputError: If the grid does not lie on OctoMap's lattice or within its range, its log-odds are not finite or
+            contradict its states, or there is not enough memory.
     """
-    low, states, log_odds = _known_box(grid)
+    states, low = grid.state_blocks(), _lowest_key(grid)
     if low is None:
         return write_header(FULL_LINE, 0, grid.voxel_size)
-    # The most that was seen: 13 bytes for a voxel, most of them before nodes are made.
-    check_memory(13.0 * states.size, "the map as .ot", "write it as .npz", on_device=False)
-    if log_odds is None:
-        # States are the places in this table; what stands for unknown ones is never written.
-        log_odds = np.array([0.0, LOG_ODDS_FREE, LOG_ODDS_OCCUPIED], np.float32)[states]
-    levels = prune(states, _checked_log_odds(states, log_odds), low)
-    _check_nodes(levels, ".ot", 1000)
-    keys, depths, nodes = [], [], []
-    # The root is the one node of level 0. From it down, only nodes that exist are looked at, not the whole box.
-    index = np.zeros((1, 3), np.int64)
-    for depth, level in enumerate(levels):
-        at = tuple(index.T)
-        assert level.value is not None
-        node = np.zeros(len(index), PLAIN_NODE)
-        node["log_odds"] = level.value[at]
-        keys.append((index + level.low) << (DEPTH - depth))
-        depths.append(np.full(len(index), depth, np.uint8))
-        nodes.append(node)
-        is_inner = level.code[at] == INNER
-        if is_inner.any():
-            children = children_of(levels, depth, index[is_inner])
-            is_child = levels[depth + 1].code[tuple(np.moveaxis(children, -1, 0))] != 0
-            node["children"][is_inner] = np.packbits(is_child, axis=1, bitorder="little")[:, 0]
-            index = children[is_child]
-        else:
-            break
-    order = pre_order(np.concatenate(keys), np.concatenate(depths))
-    return write_header(FULL_LINE, len(order), grid.voxel_size) + np.concatenate(nodes)[order].tobytes()
+    log_odds = grid.log_odds_blocks()
+    _check_nodes(states, ".ot", bytes_per_inner=50, bytes_per_leaf=50)
+    if log_odds is not None:
+        _check_log_odds(states, log_odds)
+    # What stands for unknown voxels is never written.
+    levels = np.array([0.0, LOG_ODDS_FREE, LOG_ODDS_OCCUPIED], np.float32) if log_odds is None else None
+    order, nodes = [], []
+    for some in families(states, log_odds, low, levels):
+        assert some.value is not None
+        is_child = some.code != 0
+        inner = np.zeros(len(some.parent), PLAIN_NODE)
+        inner["children"] = np.packbits(is_child, axis=1, bitorder="little")[:, 0]
+        # An inner node has the highest log-odds below it.
+        inner["log_odds"] = np.where(is_child, some.value, np.float32(-np.inf)).max(axis=1)
+        family, child = np.nonzero(is_child & (some.code != INNER))
+        leaf = np.zeros(len(family), PLAIN_NODE)
+        leaf["log_odds"] = some.value[family, child]
+        order += [
+            some.order_of(some.depth, some.parent),
+            some.order_of(some.depth + 1, some.parent[family] << 3 | child),
+        ]
+        nodes += [inner, leaf]
+    sorted_nodes = np.concatenate(nodes)[np.argsort(np.concatenate(order))]
+    return write_header(FULL_LINE, len(sorted_nodes), grid.voxel_size) + sorted_nodes.tobytes()
 
 
-def _check_nodes(levels: list[TreeLevel], ending: str, bytes_per_inner: int) -> None:
-    """Refuse a tree for which the memory does not suffice, before its nodes are made.
+def _check_nodes(states: BlockArray, ending: str, *, bytes_per_inner: int, bytes_per_leaf: int) -> None:
+    """Refuse a map for whose nodes the memory does not suffice.
 
     Args:
-        levels: The tree as it was pruned.
+        states: The map.
         ending: Ending of the file to write.
-        bytes_per_inner: The most that was seen for an inner node and its eight children [byte].
+        bytes_per_inner: What an inner node takes until it is written [byte].
+        bytes_per_leaf: What a leaf takes [byte].
     """
-    num_inner = sum(int(np.count_nonzero(level.code == INNER)) for level in levels)
-    need = float(num_inner * bytes_per_inner)
+    known = np.count_nonzero(np.asarray(states.pool).reshape(len(states.pool), -1), axis=1)
+    is_mixed = ~states.is_uniform
+    # A block has 73 inner nodes at most; those of few voxels have three above each of these, and one is shared by some.
+    num_inner = float(np.minimum(73, 3 * known[is_mixed]).sum())
+    num_leaves = float(known[is_mixed].sum()) + float(states.uses[1:].sum())
+    need = bytes_per_inner * num_inner + bytes_per_leaf * num_leaves
     check_memory(need, f"the map as {ending}", "write it as .npz", on_device=False)
 
 
-def _known_box(grid: VoxelGrid) -> tuple[np.ndarray | None, np.ndarray, np.ndarray | None]:
-    """Lowest key (None when nothing is known), states and log-odds of the known part of a grid."""
-    # Unknown voxels have no nodes, and a smaller box is faster to prune.
-    grid = grid.crop_to_known()
-    states = np.asarray(grid.states)
-    if not states.any():
-        return None, states, None
+def _lowest_key(grid: VoxelGrid) -> np.ndarray | None:
+    """Key int64 (3,) of the grid's voxel (0, 0, 0), which may lie outside of the keys; None when nothing is known."""
+    first, end = grid.known_box()
+    if (first == end).all():
+        return None
     cell = np.asarray(grid.origin, np.float64) / grid.voxel_size
     low = np.rint(cell).astype(np.int64)
     # A hundredth of a voxel off the lattice is rounding: float32 is good to 0.002 at OctoMap's farthest voxel.
@@ -241,23 +232,26 @@ def _known_box(grid: VoxelGrid) -> tuple[np.ndarray | None, np.ndarray, np.ndarr
             f"{np.asarray(grid.origin).tolist()}; resample it first with with_voxel_size (--voxel-size)"
         )
     low += NUM_KEYS // 2
-    if (low < 0).any() or (low + states.shape > NUM_KEYS).any():
+    if (low + first < 0).any() or (low + end > NUM_KEYS).any():
         raise InputError(
             f"OctoMap files reach {NUM_KEYS // 2} voxels from the frame's origin along each axis, and this "
-            f"grid lies farther out, from voxel {(low - NUM_KEYS // 2).tolist()}; move it or use .npz"
+            f"grid lies farther out, from voxel {(low + first - NUM_KEYS // 2).tolist()}; move it or use .npz"
         )
-    return low, states, None if grid.log_odds is None else np.asarray(grid.log_odds)
+    return low
 
 
-def _checked_log_odds(states: np.ndarray, log_odds: np.ndarray) -> np.ndarray:
-    # Log-odds of unknown voxels are not written, so they may be anything.
-    is_known = states != UNKNOWN
-    if not np.isfinite(log_odds[is_known]).all():
-        raise InputError("log_odds must be finite where the grid is known, but some are NaN or infinite")
-    contradicts = is_known & ((states == OCCUPIED) != (log_odds >= 0))
-    if contradicts.any():
+def _check_log_odds(states: BlockArray, log_odds: BlockArray) -> None:
+    """Refuse log-odds that no file can hold beside states."""
+    num_bad = 0
+    for index, known in states.parts():
+        values = np.asarray(log_odds.pool)[np.asarray(log_odds.table)[tuple(index.T)]]
+        # Log-odds of unknown voxels are not written, so they may be anything.
+        is_known = known != UNKNOWN
+        if not np.isfinite(values[is_known]).all():
+            raise InputError("log_odds must be finite where the grid is known, but some are NaN or infinite")
+        num_bad += int(np.count_nonzero(is_known & ((known == OCCUPIED) != (values >= 0))))
+    if num_bad:
         raise InputError(
-            f"log_odds of {np.count_nonzero(contradicts):,} voxels contradict their states (occupied means 0 "
+            f"log_odds of {num_bad:,} voxels contradict their states (occupied means 0 "
             "or more), and .ot keeps only log-odds; drop log_odds or make them agree"
         )
-    return log_odds

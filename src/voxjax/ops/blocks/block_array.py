@@ -186,9 +186,14 @@ class BlockArray(eqx.Module):
         if self.shape != other.shape:
             return False
         # Pairs of rows that stand for one block somewhere: far fewer than blocks.
-        mine, theirs = (np.asarray(each.table).reshape(-1).astype(np.int64) for each in (self, other))
-        pairs = np.unique(mine * len(other.pool) + theirs)
-        step = 1 << 12
+        mine, theirs = (np.asarray(each.table).reshape(-1) for each in (self, other))
+        found, step = [np.zeros(0, np.int64)], 1 << 20
+        for start in range(0, len(mine), step):
+            a, b = mine[start : start + step], theirs[start : start + step]
+            # Row 0 is the same in both.
+            some = np.flatnonzero((a != 0) | (b != 0))
+            found.append(np.unique(a[some] * np.int64(len(other.pool)) + b[some]))
+        pairs, step = np.unique(np.concatenate(found)), 1 << 12
         return all(
             np.array_equal(self.pool[part // len(other.pool)], other.pool[part % len(other.pool)])
             for part in (pairs[start : start + step] for start in range(0, len(pairs), step))
