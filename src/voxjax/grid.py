@@ -137,6 +137,11 @@ class VoxelGrid(eqx.Module):
         return isinstance(self._states, Sparse)
 
     @property
+    def is_stored(self) -> bool:
+        """Whether the map lies in a store, of which windows are read as they are asked for."""
+        return isinstance(self._states, ChunkedArray)
+
+    @property
     def has_log_odds(self) -> bool:
         """Whether there are log-odds, which are not made for that."""
         return self._log_odds is not None

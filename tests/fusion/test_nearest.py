@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 from tests import dense_fusion
 from tests.ops.blocks.boxes import random_boxes
+from tests.stores import stored
 
 import voxjax as vx
 from oracles.motions import cube_rotations, pose_of, random_pose, turned
 from voxjax import InputError, VoxelGrid
 from voxjax.fusion.nearest import plan_fusion
 from voxjax.ops.blocks.block_array import BlockBuilder, blocks_of
+from voxjax.ops.blocks.chunked_array import ChunkedArray
 
 SIZE = 0.1
 RULES = ["paper", "keep", "log_odds"]
@@ -76,7 +78,7 @@ def test_three_maps_of_three_voxel_sizes_give_the_bits_of_the_dense_way(rule):
     # Log-odds of three maps are added in the order that the plan decides.
     fused = vx.fuse(grids, poses, rule=rule, voxel_size=0.1)
     shapes = [(grid if grid.voxel_size >= 0.1 else grid.with_voxel_size(0.1)).shape for grid in grids]
-    order = [shapes.index(source.arrays[0].shape) for source in plan.sources]
+    order = [shapes.index(source.shape) for source in plan.sources]
     dense = dense_fusion.fuse([grids[n] for n in order], [poses[n] for n in order], rule=rule, voxel_size=0.1)
     assert_same(fused, dense)
 
@@ -126,6 +128,58 @@ def test_windows_cut_anyhow_hold_the_blocks_of_the_whole(rule):
     expected = whole.log_odds_blocks()
     assert (expected is not None) == (rule == "log_odds")
     assert expected is None or odds.finish().equals(expected)
+
+
+def gathered(plan, most):
+    """States and log-odds of a plan, by windows of a size."""
+    states, odds = BlockBuilder(plan.shape, np.uint8), BlockBuilder(plan.shape, np.float32)
+    for window in plan.windows(most):
+        for blocks in plan.blocks_in(*window):
+            for builder, values in ((states, blocks.states), (odds, blocks.log_odds)):
+                if values is not None:
+                    (builder.put if blocks.is_level else builder.add)(blocks.places, values)
+    return states.finish(), odds.finish()
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_maps_that_stay_in_stores_give_the_bits_of_maps_in_memory(rule):
+    grids = [make_grid(seed, low=(0.3, 0.0, -2.0)) for seed in (21, 22, 23)]
+    grids += [make_grid(24, (90, 70, 30), with_log_odds=False)]
+    # Three of them lie at one place, so that what they hold decides the order in which they are added.
+    poses = [np.eye(4), np.eye(4), np.eye(4), turned("zyx", (0.5, 0.1, 0.2), (1.0, 0.3, 0.0))]
+    whole = vx.fuse(grids, poses, rule=rule)
+    maps = [stored(grid)[0] for grid in grids[1:]]
+    plan = plan_fusion(
+        [maps[1], grids[0], maps[0], maps[2]],
+        [*poses[:3], poses[3]],
+        rule=rule,
+        voxel_size=SIZE,
+        from_stores=True,
+    )
+    assert plan is not None
+    assert plan.shape == whole.shape
+    np.testing.assert_array_equal(plan.origin, whole.origin)
+    for most in (1 << 18, 1 << 23):
+        states, odds = gathered(plan, most)
+        assert states.equals(whole.state_blocks())
+        expected = whole.log_odds_blocks()
+        assert expected is None or odds.equals(expected)
+    for grid in maps:
+        assert isinstance(grid._states, ChunkedArray)
+        assert not grid._states.is_surveyed, "a map was read whole"
+
+
+def test_of_a_store_a_window_reads_what_it_needs():
+    states = np.ones((320, 64, 16), np.uint8)
+    states[::7] = 2
+    grid, reads = stored(VoxelGrid(states, np.zeros(3), SIZE), chunk=(16, 16, 16))
+    plan = plan_fusion([grid], [np.eye(4)], rule="keep", voxel_size=SIZE, from_stores=True)
+    assert plan is not None
+    assert not reads
+    blocks = list(plan.blocks_in(np.array([20, 2, 0]), np.array([22, 4, 2])))
+    assert sum(len(part.places) for part in blocks) == 8
+    # Blocks 19 to 22 along x, 1 to 4 along y.
+    assert sorted(set(reads)) == [(x, y, 0) for x in (9, 10, 11) for y in (0, 1, 2)]
 
 
 def box_of_content(rng, low, shape):

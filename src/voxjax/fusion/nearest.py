@@ -3,6 +3,7 @@
 `plan_fusion` decides where the fused map lies; `BlockFusion.blocks_in` then gives the blocks of a window of it, and
 only those in which a map knows something. Windows are independent of each other, whichever way the lattice is cut: who
 keeps the fused map anywhere else than in memory asks for one window after the other, and holds one of them at a time.
+Maps that lie in a store are read as windows need them, if that is asked for.
 """
 
 import functools
@@ -34,7 +35,9 @@ from ..ops.resampling.block_lookup import (
     runs,
 )
 from ..ops.resampling.lattice import cell_of_image, moved_bounds, origin_of_cell
+from ..ops.resampling.moved_store import MovedStore
 from ..ops.resampling.rigid import source_from_target
+from ..ops.resampling.stored import Stored
 from .rules import fuse_keep, fuse_log_odds, fuse_paper, log_odds_of_states
 
 ADVICE = "check the poses, leave out far maps, or give a larger voxel_size"
@@ -70,12 +73,12 @@ class BlockFusion:
         shape: Number of voxels along x, y, z.
         voxel_size: Width of the voxels [m].
         rule: "paper", "keep" or "log_odds".
-        sources: The maps that know something.
+        sources: The maps that know something, in blocks or in a store.
     """
 
     def __init__(
         self,
-        sources: list[MovedBlocks],
+        sources: list[MovedBlocks | MovedStore],
         origin: np.ndarray,
         shape: tuple[int, int, int],
         voxel_size: float,
@@ -140,7 +143,8 @@ class BlockFusion:
         # The paper's rule asks which maps' boxes reach a voxel, known or not.
         is_paper = self.rule == "paper" and self.holds_any(low, high)
         asked = [source for source in self.sources if is_paper or source.holds_any(low, high)]
-        near = [(source, source.survey(low, high)) for source in asked]
+        met = [part for part in (source.near(low, high) for source in asked) if part is not None]
+        near = [(part, part.survey(low, high)) for part in met]
         for _, survey in near:
             is_known |= survey.kind != EMPTY
             is_mixed |= survey.kind == MIXED
@@ -213,7 +217,12 @@ def apply_rule(
 
 
 def plan_fusion(
-    grids: Sequence[VoxelGrid], poses: Sequence[np.ndarray], *, rule: str, voxel_size: float
+    grids: Sequence[VoxelGrid],
+    poses: Sequence[np.ndarray],
+    *,
+    rule: str,
+    voxel_size: float,
+    from_stores: bool = False,
 ) -> BlockFusion | None:
     """Decide where a fused map lies and put the maps into blocks.
 
@@ -221,7 +230,9 @@ def plan_fusion(
         grids: Maps.
         poses: `T_world_map` (4, 4) float64 of each, rigid.
         rule: One of `rules.RULES`.
-        voxel_size: Width of the voxels of the result [m]; finer maps are coarsened to it.
+        voxel_size: Width of the voxels of the result [m]; finer maps are coarsened to it, in memory.
+        from_stores: Whether maps that lie in a store stay there: each window then reads what it needs of them. Else
+            they are read once.
 
     Returns:
         What is to be fused, or None where no map knows anything.
@@ -231,10 +242,10 @@ def plan_fusion(
     """
     coarse = [grid if grid.voxel_size >= voxel_size else grid.with_voxel_size(voxel_size) for grid in grids]
     local, matrices, zero = _in_local_frames(coarse, poses, voxel_size)
-    blocks = [grid.state_blocks() for grid in local]
+    kept = [_stored(grid) if from_stores and grid.is_stored else grid.state_blocks() for grid in local]
     bounds = [
         moved_bounds(states, np.asarray(grid.origin), grid.voxel_size, T, voxel_size)
-        for states, grid, T in zip(blocks, local, matrices, strict=True)
+        for states, grid, T in zip(kept, local, matrices, strict=True)
     ]
     found = common_box(bounds)
     if found is None:
@@ -243,14 +254,12 @@ def plan_fusion(
     x, y, z = shape.tolist()
     check_target((x, y, z), "the fused map", ADVICE)
     sources = []
-    for grid, states, T, (first, end) in zip(local, blocks, matrices, bounds, strict=True):
+    for grid, states, T, (first, end) in zip(local, kept, matrices, bounds, strict=True):
         # A map that knows nothing has an empty box and adds nothing.
         if (end > first).all():
-            log_odds = grid.log_odds_blocks() if rule == "log_odds" else None
-            arrays = (states,) if log_odds is None else (states, log_odds)
             # Backward, from the fused grid to the map: each fused voxel asks what lies at its place.
             affine = source_from_target(T, np.asarray(grid.origin), grid.voxel_size, low, voxel_size)
-            sources.append(MovedBlocks(arrays, affine))
+            sources.append(_source(grid, states, affine, with_log_odds=rule == "log_odds"))
     if rule == "log_odds":  # the only one whose values are rounded
         sources = _in_one_order(sources)
     return BlockFusion(sources, origin_of_cell(low + zero, voxel_size), (x, y, z), voxel_size, rule)
@@ -280,27 +289,51 @@ def _in_local_frames(
     return list(local), poses, zero
 
 
-def _in_one_order(sources: list[MovedBlocks]) -> list[MovedBlocks]:
+def _stored(grid: VoxelGrid, *, with_log_odds: bool = False) -> Stored:
+    """What is read of a map in a store; its cubes are small enough for windows to leave out what is empty."""
+    side = 8 * BLOCK
+    cubes = np.zeros([-(-n // side) for n in grid.shape], bool)
+    cubes[tuple(grid.cubes(side).T)] = True
+
+    def read(low: tuple[int, ...], high: tuple[int, ...]) -> tuple[np.ndarray, ...]:
+        log_odds = grid.log_odds_in(low, high) if with_log_odds else None
+        states = grid.states_in(low, high)
+        return (states,) if log_odds is None else (states, log_odds)
+
+    return Stored(grid.shape, cubes, side, read, 2 if with_log_odds and grid.has_log_odds else 1)
+
+
+def _source(
+    grid: VoxelGrid, states: BlockArray | Stored, affine: np.ndarray, *, with_log_odds: bool
+) -> MovedBlocks | MovedStore:
+    """A map that is to be looked up; its log-odds only where they are asked for."""
+    if isinstance(states, Stored):
+        return MovedStore(_stored(grid, with_log_odds=with_log_odds), affine)
+    log_odds = grid.log_odds_blocks() if with_log_odds else None
+    return MovedBlocks((states,) if log_odds is None else (states, log_odds), affine)
+
+
+def _in_one_order(sources: list[MovedBlocks | MovedStore]) -> list[MovedBlocks | MovedStore]:
     """Maps in an order that follows from what they hold and where, whatever order they were given in.
 
     A sum of three log-odds or more is rounded as it is ordered, and where it is about zero, the state follows.
     """
-    if len(sources) < 3:
-        return sources
-    return sorted(
-        sources,
-        key=lambda source: (
-            source.affine.tobytes(),
-            source.arrays[0].shape,
-            *(_checksum(array) for array in source.arrays),
-        ),
-    )
+    places = [(source.affine.tobytes(), source.shape) for source in sources]
+    sums: list[tuple[int, ...]] = [()] * len(sources)
+    # What maps hold is looked at only where they lie at one place; two may be added either way.
+    if len(sources) > 2 and len(set(places)) < len(places):
+        sums = [_checksums(source) for source in sources]
+    order = sorted(range(len(sources)), key=lambda number: (places[number], sums[number]))
+    return [sources[number] for number in order]
 
 
-def _checksum(array: BlockArray) -> int:
-    """Checksum of values and places, whichever rows of the pool stand for them."""
-    found = 0
-    for index, blocks in array.parts():
-        for part in (index, blocks):
-            found = zlib.crc32(np.ascontiguousarray(part).view(np.uint8).data, found)
-    return found
+def _checksums(source: MovedBlocks | MovedStore) -> tuple[int, ...]:
+    """Checksums of places and values of blocks that are not all 0, of each array, wherever the map is kept."""
+    found = []
+    for number in range(source.num_arrays):
+        of_places, of_values = 0, 0
+        for index, blocks in source.parts(number):
+            of_places = zlib.crc32(np.ascontiguousarray(index, np.int64).view(np.uint8).data, of_places)
+            of_values = zlib.crc32(np.ascontiguousarray(blocks).view(np.uint8).data, of_values)
+        found += [of_places, of_values]
+    return tuple(found)

@@ -44,22 +44,47 @@ class Survey(NamedTuple):
 
 
 class MovedBlocks:
-    """A map in blocks, and where its voxels lie in a target lattice."""
+    """A map in blocks, or a part of one, and where its voxels lie in a target lattice."""
 
-    def __init__(self, arrays: tuple[BlockArray, ...], affine: Float32[np.ndarray, "3 4"]) -> None:
+    def __init__(
+        self,
+        arrays: tuple[BlockArray, ...],
+        affine: Float32[np.ndarray, "3 4"],
+        *,
+        first: Int[np.ndarray, "3"] | None = None,
+        shape: tuple[int, int, int] | None = None,
+    ) -> None:
         """Look through the tables once.
 
         Args:
             arrays: Values of one box, which is empty where all are 0.
             affine: From voxels of the target to those of the map, see `rigid.source_from_target`.
+            first: Block of the map at which the arrays begin, if they are a part of it that windows do not leave.
+            shape: Number of voxels of the whole map along x, y, z; None if the arrays are the whole.
 
         Raises:
-            InputError: If the box is too large, see `check_target`.
+            InputError: If the map's box is too large, see `check_target`.
         """
-        check_target(arrays[0].shape, "a map that is moved", "crop it to its known part")
         self.arrays, self.affine = arrays, affine
+        self.first = np.zeros(3, np.int64) if first is None else first
+        self.shape = arrays[0].shape if shape is None else shape
+        check_target(self.shape, "a map that is moved", "crop it to its known part")
         self._kinds = _kinds(arrays)
-        self._covers = [_covers(side) for side in arrays[0].shape]
+        begun = zip(self.shape, self.first.tolist(), arrays[0].table.shape, strict=True)
+        self._covers = [_covers(side, start, count) for side, start, count in begun]
+
+    def near(self, low: Int[np.ndarray, "3"], high: Int[np.ndarray, "3"]) -> "MovedBlocks | None":
+        """The part of the map that a window of target blocks meets: all of it is there."""
+        return self
+
+    @property
+    def num_arrays(self) -> int:
+        """How many values a voxel has."""
+        return len(self.arrays)
+
+    def parts(self, number: int) -> Iterator[tuple[Int[np.ndarray, "m 3"], Shaped[np.ndarray, "m 8 8 8"]]]:
+        """Blocks of one of the arrays that are not all 0, in lexicographic order: their places, and their values."""
+        return self.arrays[number].parts()
 
     def holds_any(self, low: Int[np.ndarray, "3"], high: Int[np.ndarray, "3"]) -> bool:
         """Whether the map may hold anything in a window of target blocks, from block `low` up to and without `high`."""
@@ -88,14 +113,13 @@ class MovedBlocks:
     def _images(
         self, axis: int, low: Int[np.ndarray, "3"], high: Int[np.ndarray, "3"]
     ) -> list[Float64[np.ndarray, " n"]]:
-        """Where the middles of blocks of a window come to lie along an axis of the table of kinds: the sum of three."""
-        m = self.affine[axis].astype(np.float64)
-        x, y, z = (m[k] * (np.arange(low[k], high[k]) + 0.5) for k in range(3))
-        return [x + (m[3] / BLOCK + 2.0), y, z]
+        """Like `images_of_middles`, in the table of kinds, which begins two blocks before the arrays."""
+        x, y, z = images_of_middles(self.affine, axis, low, high)
+        return [x + (2.0 - self.first[axis]), y, z]
 
     def middles(self, places: Int[np.ndarray, "m 3"]) -> tuple[Shaped[np.ndarray, " m"], ...]:
         """Values in the middle of target blocks, of each array; 0 beyond the box."""
-        at = self._middle_blocks(places)
+        at = self._middle_blocks(places) - self.first
         is_inside = np.all((at >= 0) & (at < self.arrays[0].table.shape), axis=1)
         at = np.where(is_inside[:, None], at, 0)
         found = []
@@ -115,7 +139,7 @@ class MovedBlocks:
             array, (length, 512) on the device.
         """
         corner = self._middle_blocks(places) - 1
-        gathered = [_around(array, corner) for array in self.arrays]
+        gathered = [_around(array, corner - self.first) for array in self.arrays]
         first, start = (BLOCK * corner).astype(np.int32), (BLOCK * places).astype(np.int32)
 
         def run(part: slice, length: int) -> tuple[jax.Array, ...]:
@@ -130,12 +154,28 @@ class MovedBlocks:
     def covered(self, places: Int[np.ndarray, "m 3"], length: int) -> jax.Array:
         """Whether the centres of the voxels of target blocks lie in the map's box, bool (length, 512)."""
         start = padded((BLOCK * places).astype(np.int32), length)
-        return voxels_inside(np.asarray(self.arrays[0].shape, np.int32), start, self.affine)
+        return voxels_inside(np.asarray(self.shape, np.int32), start, self.affine)
 
     def _middle_blocks(self, places: Int[np.ndarray, "m 3"]) -> Int[np.ndarray, "m 3"]:
         """Blocks of the map that hold the images of the middles of target blocks."""
         m = self.affine.astype(np.float64)
         return np.floor((np.asarray(places) + 0.5) @ m[:, :3].T + m[:, 3] / BLOCK).astype(np.int64)
+
+
+def images_of_middles(
+    affine: Float32[np.ndarray, "3 4"], axis: int, low: Int[np.ndarray, "3"], high: Int[np.ndarray, "3"]
+) -> list[Float64[np.ndarray, " n"]]:
+    """Where the middles of the target blocks of a window come to lie in the source [block], as the sum of three.
+
+    Args:
+        affine: From voxels of the target to those of the source.
+        axis: Of the source.
+        low: Lowest block of the window.
+        high: One past its highest.
+    """
+    m = affine[axis].astype(np.float64)
+    x, y, z = (m[k] * (np.arange(low[k], high[k]) + 0.5) for k in range(3))
+    return [x + m[3] / BLOCK, y, z]
 
 
 def padded(values: Shaped[np.ndarray, "m *rest"], length: int) -> Shaped[np.ndarray, "n *rest"]:
@@ -280,9 +320,15 @@ def _extremes(table: Int32[np.ndarray, "a b c"], start: int, stop: int) -> tuple
     return found[0], found[1]
 
 
-def _covers(side: int) -> UInt8[np.ndarray, " n"]:
-    """Where the three blocks around each block along an axis lie of the box, with a border of two blocks."""
-    block = np.arange(-2, -(-side // BLOCK) + 2)
+def _covers(side: int, first: int, count: int) -> UInt8[np.ndarray, " n"]:
+    """Where the three blocks around each block along an axis lie of the box, with a border of two blocks.
+
+    Args:
+        side: Of the box [voxel].
+        first: Block at which the table begins.
+        count: How many it has.
+    """
+    block = np.arange(first - 2, first + count + 2)
     low, high = BLOCK * (block - 1), BLOCK * (block + 2)
     is_outside = (high <= 0) | (low >= side)
     return np.where(is_outside, OUTSIDE, np.where((low >= 0) & (high <= side), INSIDE, PARTLY))

@@ -6,7 +6,8 @@ from jaxtyping import Float, Int, Real
 from ..._checks import InputError
 from ...frames import image
 from ..blocks.block_array import BlockArray
-from .outermost import outermost_in_blocks, outermost_known
+from .outermost import outermost
+from .stored import Stored
 
 MAX_VOXELS = 2**31 - 1
 """Largest dense grid: flat indices fit int32."""
@@ -70,7 +71,7 @@ def check_num_voxels(shape: Real[np.ndarray, "3"], what: str, advice: str, most:
 
 
 def moved_bounds(
-    states: np.ndarray | BlockArray,
+    states: np.ndarray | BlockArray | Stored,
     origin: Float[np.ndarray, "3"],
     voxel_size: float,
     T: Float[np.ndarray, "4 4"],
@@ -83,7 +84,7 @@ def moved_bounds(
     moved grid.
 
     Args:
-        states: uint8 (x, y, z), dense or in blocks.
+        states: uint8 (x, y, z), dense, in blocks or in a store.
         origin: Outer corner [m].
         voxel_size: Width of the grid's voxels [m].
         T: Pose that moves the grid.
@@ -105,9 +106,7 @@ def moved_bounds(
         centres, half = (low + high) / 2, high[0] / 2
     else:
         # A moved voxel is the lowest or highest along an axis if it lies outermost along a row of the rotation.
-        rows = np.concatenate([rotation, -rotation])
-        in_blocks = isinstance(states, BlockArray)
-        known = outermost_in_blocks(states, rows) if in_blocks else outermost_known(states)
+        known = outermost(states, np.concatenate([rotation, -rotation]))
         centres, half = known + 0.5, np.full(3, 0.5)
     if not len(centres) or not all(states.shape):
         return np.zeros(3, np.int64), np.zeros(3, np.int64)

@@ -7,6 +7,16 @@ from jaxtyping import Float, Int
 
 from ..blocks.block_array import BLOCK_VOXELS, BlockArray
 from ..blocks.words import BLOCK
+from .stored import Stored
+
+
+def outermost(
+    states: np.ndarray | BlockArray | Stored, directions: Float[np.ndarray, "d 3"]
+) -> Int[np.ndarray, "n 3"]:
+    """Known voxels such that none lies farther along any of the directions; none where nothing is known."""
+    if isinstance(states, BlockArray):
+        return outermost_in_blocks(states, directions)
+    return outermost_in_store(states, directions) if isinstance(states, Stored) else outermost_known(states)
 
 
 def outermost_known(states: np.ndarray) -> Int[np.ndarray, "n 3"]:
@@ -50,6 +60,29 @@ def outermost_in_blocks(states: BlockArray, directions: Float[np.ndarray, "d 3"]
                 cell = int(reach[index.reshape(-1)[first]].argmax())
                 found[number] = BLOCK * blocks[chosen[first]] + cells[cell]
     return found
+
+
+def outermost_in_store(states: Stored, directions: Float[np.ndarray, "d 3"]) -> Int[np.ndarray, "n 3"]:
+    """Like `outermost_in_blocks`; of the cubes those are read that may hold such a voxel."""
+    low = states.side * np.argwhere(states.cubes)
+    high = np.minimum(low + states.side, states.shape)
+    found = []
+    for direction in directions:
+        # No voxel of a cube lies farther than this; cubes are read until none can hold a farther one.
+        bound = np.where(direction > 0, high - 1, low) @ direction
+        best, voxel = -np.inf, None
+        for number in np.argsort(-bound):
+            if bound[number] <= best:
+                break
+            corners = tuple(low[number].tolist()), tuple(high[number].tolist())
+            known = outermost_known(states.read(*corners)[0]) + low[number]
+            along = known @ direction
+            if len(known) and along.max() > best:
+                best, voxel = along.max(), known[along.argmax()]
+        if voxel is None:
+            return np.zeros((0, 3), np.int64)
+        found.append(voxel)
+    return np.asarray(found)
 
 
 def _known_blocks(states: BlockArray) -> Iterator[Int[np.ndarray, "m 3"]]:
