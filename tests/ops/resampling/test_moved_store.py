@@ -1,5 +1,7 @@
 """Windows of maps in stores are those of maps in blocks."""
 
+import itertools
+
 import numpy as np
 import pytest
 from tests.ops.blocks.boxes import random_boxes
@@ -23,9 +25,8 @@ def test_windows_give_kinds_covers_and_values_of_the_whole_map(seed):
     store = MovedStore(stored_arrays(states, log_odds), affine)
     assert store.num_arrays == whole.num_arrays == 2
     seen = 0
-    for _ in range(20):
-        low = rng.integers(-6, 14, 3)
-        high = low + rng.integers(1, 5, 3)
+    for corner in itertools.product((-7, 1, 9, 17), repeat=3):
+        low, high = np.array(corner), np.array(corner) + 8
         expected = whole.survey(low, high)
         part = store.near(low, high)
         if part is None:
@@ -46,4 +47,6 @@ def test_windows_give_kinds_covers_and_values_of_the_whole_map(seed):
             covered = part.covered(places[run[0]], run[1])
             np.testing.assert_array_equal(covered, whole.covered(places[run[0]], run[1]))
         seen += len(places)
-    assert seen > 10
+    # The windows make up all of the target, and none of it is left out.
+    assert seen == np.count_nonzero(whole.survey(np.full(3, -30), np.full(3, 50)).kind)
+    assert seen > 500
