@@ -4,6 +4,7 @@ What is fused is `nearest`'s, block by block, or `soft`'s, which is differentiab
 share, and puts the blocks together in memory.
 """
 
+import os
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -20,6 +21,7 @@ from ..ops.resampling.lattice import check_num_voxels, check_places, moved_bound
 from .nearest import ADVICE, BlockFusion, common_box, plan_fusion
 from .rules import RULES
 from .soft import Lattice, check_soft_pose, fuse_soft, soft_fuse_memory
+from .stored import check_out, fuse_into_store
 
 
 @refused_after_fork
@@ -31,6 +33,7 @@ def fuse(
     voxel_size: float | None = None,
     interpolation: str = "nearest",
     onto: VoxelGrid | None = None,
+    out: str | os.PathLike | None = None,
 ) -> VoxelGrid:
     """Fuse maps into one, in the frame that the poses map into.
 
@@ -50,10 +53,14 @@ def fuse(
             the maps' log-odds under JAX's transformations, see `soft.fuse_soft`.
         onto: For "trilinear": a map whose origin, shape and voxel size the result takes; its values are not
             looked at. Poses that are traced by JAX need it, because they cannot decide a shape.
+        out: Name of a Zarr store, ending in .zarr: the fused map is written there window by window, the same to the
+            bit, and maps that are themselves in stores are read as needed, so that none has to fit the memory. An
+            older store is replaced.
 
     Returns:
         The fused map; with log-odds under the rule "log_odds" only, the others are about states. It is kept in blocks
         (but for "trilinear"), and so are maps that are given so: time and memory follow what they hold, not the box.
+        With `out`: the map in the store, opened.
 
     Raises:
         InputError: If `grids` is no list of maps or an empty one, a pose is missing or not rigid, the fused map would
@@ -61,7 +68,12 @@ def fuse(
             options do not go together.
     """
     check_choice("interpolation", interpolation, ("nearest", "trilinear"))
+    store = None if out is None else check_out(out)
     if interpolation == "trilinear":
+        if out is not None:
+            raise InputError(
+                'out is for interpolation="nearest", got interpolation="trilinear"; leave it out.'
+            )
         return _fuse_trilinear(grids, poses, rule, voxel_size, onto)
     if onto is not None:
         raise InputError(
@@ -74,22 +86,22 @@ def fuse(
     check_choice("rule", rule, RULES)
     if voxel_size is None:
         voxel_size = min(grid.voxel_size for grid in grids)
-    return _fuse_nearest(grids, matrices, rule, check_voxel_size(voxel_size))
+    voxel_size = check_voxel_size(voxel_size)
+    plan = plan_fusion(grids, matrices, rule=rule, voxel_size=voxel_size, from_stores=store is not None)
+    # Where nothing is known in any map, there is no box to fuse.
+    nothing = VoxelGrid(np.zeros((1, 1, 1), np.uint8), np.zeros(3), voxel_size)
+    if store is not None:
+        return fuse_into_store(plan, nothing, store)
+    return nothing if plan is None else _fused(plan)
 
 
-def _fuse_nearest(
-    grids: list[VoxelGrid], matrices: list[np.ndarray], rule: str, voxel_size: float
-) -> VoxelGrid:
-    """`fuse` with interpolation="nearest", its options decided."""
-    plan = plan_fusion(grids, matrices, rule=rule, voxel_size=voxel_size)
-    if plan is None:  # nothing is known in any map, so there is no box to fuse
-        return VoxelGrid(np.zeros((1, 1, 1), np.uint8), np.zeros(3), voxel_size)
-    windows = _with_content(plan)
+def _fused(plan: BlockFusion) -> VoxelGrid:
+    """The fused map in memory."""
+    windows, rule = _with_content(plan), plan.rule
     # Refused before voxels are looked up; otherwise the system would kill the process.
     need = fuse_memory(sum(mixed for *_, mixed in windows), has_log_odds=rule == "log_odds")
-    check_memory(
-        need, f"a fused map of {' x '.join(map(str, plan.shape))} voxels of {voxel_size:g} m", ADVICE
-    )
+    size = " x ".join(map(str, plan.shape))
+    check_memory(need, f"a fused map of {size} voxels of {plan.voxel_size:g} m", ADVICE)
     states = BlockBuilder(plan.shape, np.uint8)
     log_odds = BlockBuilder(plan.shape, np.float32) if rule == "log_odds" else None
     for low, high, *_ in windows:
@@ -98,7 +110,7 @@ def _fuse_nearest(
             if log_odds is not None:
                 _add(log_odds, blocks.places, blocks.log_odds)
     values = states.finish(), None if log_odds is None else log_odds.finish()
-    return VoxelGrid(values[0], plan.origin, voxel_size, values[1])
+    return VoxelGrid(values[0], plan.origin, plan.voxel_size, values[1])
 
 
 def _add(builder: BlockBuilder, places: np.ndarray, values: np.ndarray | None) -> None:

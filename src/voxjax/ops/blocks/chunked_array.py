@@ -69,7 +69,7 @@ class ChunkedArray:
             chunk: Number of voxels of a chunk.
             known: Which chunks are there to read.
             read: Gives the chunk at a place of `known`, cut to the box; called from several threads.
-            most_kept: Voxels of chunks that are kept for the next window, at most.
+            most_kept: Memory of chunks that are kept for the next window, at most [byte].
         """
         self.shape, self.dtype, self.chunk, self.known = shape, np.dtype(dtype), chunk, known
         self._read, self._most_kept = read, most_kept
@@ -284,7 +284,8 @@ class ChunkedArray:
         values = self._read((x, y, z))
         with self._lock:
             self._kept[x, y, z] = values
-            while len(self._kept) > 1 and len(self._kept) * int(np.prod(self.chunk)) > self._most_kept:
+            most = self._most_kept // (int(np.prod(self.chunk)) * self.dtype.itemsize)
+            while len(self._kept) > max(most, 1):
                 self._kept.popitem(last=False)
         return values
 

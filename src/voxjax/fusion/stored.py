@@ -1,0 +1,133 @@
+"""Fusion into a Zarr store: window by window, each written before the next is fused."""
+
+import os
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Int
+
+from .._checks import InputError, shown
+from .._runtime.memory import check_memory
+from .._runtime.threads import spread
+from .._runtime.whole_files import check_writable, write_files
+from .._runtime.whole_folders import Folder
+from ..grid import VoxelGrid
+from ..io.map_files import read_map
+from ..io.zarr_reading import MARKER, check_zarr_support
+from ..io.zarr_writing import CHUNK, MapStore, encode_zarr
+from ..ops.blocks.words import BLOCK
+from .nearest import ADVICE, BlockFusion, FusedBlocks
+
+_WINDOW = 2 * CHUNK
+"""Sides of the windows [voxel]."""
+
+
+def check_out(out: object) -> Path:
+    """The name of a store that is to be written.
+
+    Raises:
+        InputError: If it is no name ending in .zarr, cannot be written, or the package zarr is not installed.
+    """
+    if not isinstance(out, (str, os.PathLike)) or Path(out).suffix.lower() != ".zarr":
+        raise InputError(f"out must be the name of a store, ending in .zarr, got {shown(out)}.")
+    check_zarr_support()
+    return check_writable(out, force=True, marker=MARKER)
+
+
+def fuse_into_store(plan: BlockFusion | None, nothing: VoxelGrid, out: Path) -> VoxelGrid:
+    """Fuse maps into a store, which appears whole or not at all.
+
+    Args:
+        plan: What is fused, and where the result lies; None where nothing is known.
+        nothing: The map for that case.
+        out: Name of the store; an older one is replaced.
+
+    Returns:
+        The map in the store, opened.
+
+    Raises:
+        InputError: If the memory does not suffice for a window, or the store cannot be written.
+    """
+    if plan is None:
+        folder = encode_zarr(nothing)
+    else:
+        size = " x ".join(map(str, plan.shape))
+        what = f"a fused map of {size} voxels of {plan.voxel_size:g} m, written window by window,"
+        check_memory(store_fuse_memory(len(plan.sources), plan.rule), what, ADVICE)
+        folder = Folder(partial(_write, plan), MARKER)
+    write_files({out: folder}, force=True)
+    return read_map(out)
+
+
+def store_fuse_memory(num_maps: int, rule: str, *, fixed: float = 0.25e9) -> float:
+    """Estimated peak beside maps in memory and the running process [byte].
+
+    Args:
+        num_maps: Number of maps.
+        rule: One of `rules.RULES`.
+        fixed: Compiled kernels, and the blocks that are looked up at a time [byte].
+    """
+    per_voxel, num_arrays = (5, 2) if rule == "log_odds" else (1, 1)
+    # A window and the blocks around it, in a map that is turned about all axes: dense, in blocks, and on the device.
+    reach = (1.74 * _WINDOW + 3 * BLOCK) ** 3
+    # Beside it are the chunks that each map keeps of what it has read.
+    return fixed + num_maps * (3.0 * per_voxel * reach + num_arrays * 0.07e9)
+
+
+def _write(plan: BlockFusion, folder: Path) -> None:
+    """Make the store."""
+    has_log_odds = plan.rule == "log_odds"
+    store = MapStore(folder, plan.shape, plan.origin, plan.voxel_size, has_log_odds=has_log_odds)
+    for low, high in _windows(plan):
+        sides = -(-(high - low) // BLOCK) * BLOCK
+        states = np.zeros(sides, np.uint8)
+        log_odds = np.zeros(sides, np.float32) if has_log_odds else None
+        is_known = False
+        for blocks in plan.blocks_in(low // BLOCK, -(-high // BLOCK)):
+            _paste(states, low, blocks, blocks.states)
+            if log_odds is not None:
+                _paste(log_odds, low, blocks, blocks.log_odds)
+            is_known = True
+        if is_known:
+            inside = tuple(map(slice, high - low))
+            _write_window(store, low, states[inside], None if log_odds is None else log_odds[inside])
+
+
+def _windows(plan: BlockFusion) -> Iterator[tuple[Int[np.ndarray, "3"], Int[np.ndarray, "3"]]]:
+    """Windows of whole chunks in which maps may know something: lowest voxel, and one past the highest."""
+    for number in _numbers(np.zeros(3, np.int64), np.asarray(plan.shape), 4 * _WINDOW):
+        begin = number * 4 * _WINDOW
+        end = np.minimum(begin + 4 * _WINDOW, plan.shape)
+        # Windows of windows: where the lattice is empty, few are looked at.
+        if plan.holds_any(begin // BLOCK, -(-end // BLOCK)):
+            for low in number * 4 * _WINDOW + _numbers(begin, end, _WINDOW) * _WINDOW:
+                high = np.minimum(low + _WINDOW, plan.shape)
+                if plan.holds_any(low // BLOCK, -(-high // BLOCK)):
+                    yield low, high
+
+
+def _numbers(begin: np.ndarray, end: np.ndarray, side: int) -> Int[np.ndarray, "m 3"]:
+    """Numbers of the cubes along x, y, z that fill a box, from 0 on."""
+    return np.argwhere(np.ones(-(-(end - begin) // side), bool))
+
+
+def _paste(target: np.ndarray, low: np.ndarray, blocks: FusedBlocks, values: np.ndarray | None) -> None:
+    """Put blocks into a window of whole blocks."""
+    assert values is not None
+    a, b, c = (side // BLOCK for side in target.shape)
+    x, y, z = (blocks.places - low // BLOCK).T
+    # One number for each block fills it.
+    filled = values[:, None, None, None] if values.ndim == 1 else values
+    target.reshape(a, BLOCK, b, BLOCK, c, BLOCK)[x, :, y, :, z] = filled
+
+
+def _write_window(store: MapStore, low: np.ndarray, states: np.ndarray, log_odds: np.ndarray | None) -> None:
+    """Write the chunks of a window side by side."""
+
+    def write(number: np.ndarray) -> None:
+        part = tuple(slice(CHUNK * n, CHUNK * (n + 1)) for n in number)
+        store.write(low + CHUNK * number, states[part], None if log_odds is None else log_odds[part])
+
+    spread(write, _numbers(np.zeros(3, np.int64), np.asarray(states.shape), CHUNK))
