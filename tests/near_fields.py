@@ -1,8 +1,22 @@
-"""The field of nearest voxels of a short padded list, for the tests of evidence."""
+"""Fields of nearest voxels for the tests of evidence: of short padded lists, and those of pools as dense arrays."""
 
 import numpy as np
 
+from voxjax.ops.evidence.lookup import cells_on_host
 from voxjax.ops.evidence.nearest import nearest_field
+
+
+def dense_field(pool, shape, table):
+    """A pool of blocks as the dense array (x, y, z) of a box."""
+    centres = [place + np.float32(0.5) for place in np.indices(shape, np.float32)]
+    cells, is_inside = cells_on_host(centres, shape, np.asarray(table))
+    assert is_inside.all()
+    return np.asarray(pool)[cells]
+
+
+def dense_values(prepared, pool):
+    """One of the pools of a prepared map as a dense array."""
+    return dense_field(pool, prepared.grid.shape, prepared.table)
 
 
 def field_of(index, dims, radius, flat_size=None):

@@ -26,7 +26,7 @@ def prepared(room):
     return prepare_map(room[0]), prepare_map(room[1])
 
 
-CELLS, ROWS = 1 << 18, 1 << 15
+CELLS, ROWS, BLOCKS = 1 << 18, 1 << 15, 1 << 10
 
 
 @pytest.fixture(scope="session")
@@ -36,15 +36,20 @@ def small(prepared):
     Padded ones are too large to be stacked, or to be constants of a kernel.
     """
     for part in prepared:
-        assert part.grid.states.size <= CELLS
+        assert part.num_rows * 512 <= CELLS
         assert part.num_points <= ROWS
+        assert part.num_blocks <= BLOCKS
 
     def cut(term):
         if isinstance(term, PointToPlane):
             surface = term.surface
             rows = {name: getattr(surface, name)[:ROWS] for name in ("points", "normals", "planarity")}
-            return eqx.tree_at(lambda t: t.surface, term, surface._replace(keys=surface.keys[:CELLS], **rows))
-        return eqx.tree_at(lambda t: t.field.rows, term, term.field.rows[:CELLS])
+            assert surface.table is not None  # that of a prepared map
+            rows |= {"keys": surface.keys[:CELLS], "table": surface.table[:BLOCKS]}
+            return eqx.tree_at(lambda t: t.surface, term, surface._replace(**rows))
+        field = term.field
+        cut_field = field._replace(rows=field.rows[:CELLS], table=field.table[:BLOCKS])
+        return eqx.tree_at(lambda t: t.field, term, cut_field)
 
     return lambda problem: PoseProblem(tuple(map(cut, problem.terms)), problem.centroid, problem.radius)
 

@@ -12,7 +12,7 @@ import mmap
 import numpy as np
 
 from .._checks import InputError
-from .buckets import bucket_size
+from .buckets import bucket_size, wide_bucket_size
 from .placement import on_host
 
 MAX_CELLS = (1 << 31) - 64
@@ -61,6 +61,63 @@ def table_lengths(num_cells: int, num_rows: int) -> tuple[int, int]:
     cells = max(table_length(num_cells), table_length(cells_a_row * min(num_rows, MAX_CELLS // cells_a_row)))
     rows = cells // cells_a_row
     return (cells, rows) if num_rows <= rows else (MAX_CELLS, MAX_ROWS)
+
+
+MAX_POOL_ROWS = MAX_CELLS >> 9
+"""Longest pool of blocks of 512 cells: kernels count its cells in int32."""
+
+
+def pool_lengths(num_blocks: int, num_rows: int, num_points: int) -> tuple[int, int, int]:
+    """Lengths of the tables for a map in blocks of 512 cells; few different ones.
+
+    Args:
+        num_blocks: Blocks of the box.
+        num_rows: Rows of the pool of blocks.
+        num_points: Rows of the list of occupied voxels.
+
+    Returns:
+        Length of the table of blocks, of the pools [row], and of the lists.
+
+    Raises:
+        InputError: If there are more than kernels can count.
+    """
+    check_pool(num_blocks, num_rows, num_points, "a map")
+    if not on_host():
+        rows, points = bucket_size(num_rows, 1 << 11), bucket_size(num_points, 1 << 14)
+        blocks = min(bucket_size(num_blocks, 1 << 14), MAX_CELLS)
+        return blocks, min(rows, MAX_POOL_ROWS), min(points, MAX_ROWS)
+    # Addresses alone are reserved. Lists are tied to pools, so that there are as few pairs of lengths as lengths; the
+    # last step of either is what kernels count.
+    points_a_row = 8
+    rows = wide_bucket_size(max(num_rows, -(-num_points // points_a_row)), 1 << 16)
+    blocks = min(wide_bucket_size(num_blocks, 1 << 20), MAX_CELLS)
+    if rows > MAX_POOL_ROWS:
+        return blocks, MAX_POOL_ROWS, MAX_ROWS
+    return blocks, rows, points_a_row * rows
+
+
+def check_pool(num_blocks: int | float, num_rows: int | float, num_points: int | float, what: str) -> None:
+    """Raise if a map in blocks has more of anything than kernels count.
+
+    Args:
+        num_blocks: Blocks of the box.
+        num_rows: Rows of the pool of blocks.
+        num_points: Rows of the list of occupied voxels.
+        what: What they belong to, as the subject of a sentence.
+
+    Raises:
+        InputError: If there are more blocks than `MAX_CELLS`, rows than `MAX_POOL_ROWS` or voxels than `MAX_ROWS`.
+    """
+    check_cells(0, num_points, what, "take a larger voxel size, or crop the map")
+    for count, most, kind in (
+        (num_blocks, MAX_CELLS, "blocks of 8 x 8 x 8 voxels"),
+        (num_rows, MAX_POOL_ROWS, "blocks near surfaces"),
+    ):
+        if count > most:
+            raise InputError(
+                f"{what} must have at most {most / 1e6:,.0f} million {kind} so that 32 bits count them, got "
+                f"{count / 1e6:,.1f} million; take a larger voxel size, or crop the map."
+            )
 
 
 def table_length(num_cells: int, smallest: int = 1 << 25) -> int:

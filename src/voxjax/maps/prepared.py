@@ -1,17 +1,21 @@
 """`PreparedMap`: everything about one map that registration needs, computed once and used for all its pairs."""
 
+import math
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float32, Int32, UInt8, UInt32
+from jaxtyping import Float32, Int, Int32, UInt8, UInt32
 
 from .._runtime.placement import to_device
-from .._runtime.tables import as_table, table_lengths
+from .._runtime.tables import as_table, pool_lengths
 from .._types import Array
 from ..grid import VoxelGrid, check_resolution
+from ..ops.blocks.block_array import BLOCK_VOXELS, lattice_shape
+from ..ops.blocks.words import BLOCK
 from ..ops.evidence.lookup import Block
-from ..ops.evidence.map_tables import code_table, nearest_table
+from ..ops.evidence.map_tables import code_pool, map_pools
 from ..ops.surface.moments import SurfaceMoments, tiled_moments
 
 FIELD_RADIUS = 5
@@ -34,11 +38,15 @@ class PreparedMap(eqx.Module):
         planarity: In [0, 1], 0 for padding.
         num_points: Number of rows that are not padding.
         free_share: Share of the occupied voxels with free space on one side of them.
-        keys: Flat field of the nearest occupied voxel.
-        codes: Flat evidence codes at the tolerance of the voxel size.
-        rough_codes: Flat evidence codes at the tolerance of cells `coarse_factor` voxels wide.
-        states: Flat states.
-        dims: Size of the block [voxel].
+        table: Row of the pools of each block of 8 x 8 x 8 voxels of the map, in C order: blocks far from anything
+            occupied share rows.
+        keys: Pool of the nearest occupied voxel of each voxel; flat, 512 cells a row, as all pools.
+        codes: Pool of evidence codes at the tolerance of the voxel size.
+        rough_codes: Pool of evidence codes at the tolerance of cells `coarse_factor` voxels wide.
+        states: Pool of the states.
+        num_rows: Rows of the pools that are not padding.
+        num_shared: The first rows, which blocks may share; the others stand for one block each, in C order.
+        dims: Size of the map [voxel].
         centroid: Mean of the occupied voxel centres [m], float32 (3,).
     """
 
@@ -51,10 +59,13 @@ class PreparedMap(eqx.Module):
     planarity: Float32[Array, "n"]
     num_points: int
     free_share: float
-    keys: UInt32[Array, "flat"]
-    codes: UInt8[Array, "flat"]
-    rough_codes: UInt8[Array, "flat"]
-    states: UInt8[Array, "flat"]
+    table: Int32[Array, "blocks"]
+    keys: UInt32[Array, "cells"]
+    codes: UInt8[Array, "cells"]
+    rough_codes: UInt8[Array, "cells"]
+    states: UInt8[Array, "cells"]
+    num_rows: int
+    num_shared: int
     dims: Int32[Array, "3"]
     centroid: Float32[Array, "3"]
 
@@ -65,23 +76,41 @@ class PreparedMap(eqx.Module):
 
     @property
     def block(self) -> Block:
-        """Where the flat fields lie, as the lookups take it."""
+        """Where the pools lie, as the lookups take it."""
         origin, voxel_size = to_device(
             (np.asarray(self.grid.origin, np.float32), np.float32(self.grid.voxel_size))
         )
-        return Block(self.dims, origin, voxel_size)
+        return Block(self.dims, origin, voxel_size, self.table)
+
+    @property
+    def num_blocks(self) -> int:
+        """Number of blocks of the box, with which the table begins."""
+        return math.prod(lattice_shape(self.grid.shape))
+
+    def near_cells(self) -> tuple[UInt32[np.ndarray, "cells"], UInt8[np.ndarray, "cells"]]:
+        """Keys and states of all cells of the pools that are not padding."""
+        cells = slice(0, self.num_rows * BLOCK_VOXELS)
+        return np.asarray(self.keys)[cells], np.asarray(self.states)[cells]
+
+    def voxels_at(self, cells: Int[np.ndarray, "m"]) -> Int[np.ndarray, "m 3"]:
+        """Voxels of cells of the pools that stand for one block alone, as those near occupied voxels do."""
+        table = np.asarray(self.table)[: self.num_blocks]
+        own = np.flatnonzero(table >= self.num_shared)
+        row, within = cells // BLOCK_VOXELS, cells % BLOCK_VOXELS
+        block = np.unravel_index(own[row - self.num_shared], lattice_shape(self.grid.shape))
+        places = np.unravel_index(within, (BLOCK,) * 3)
+        return np.stack([BLOCK * b + p for b, p in zip(block, places, strict=True)], axis=-1)
 
     @property
     def coarse_factor(self) -> int:
         """Width of a coarse cell [voxel], 2 or 3."""
         return _coarse_factor(self.grid.voxel_size)
 
-    def coarse_codes(self, factor: int) -> UInt8[Array, "flat"]:
+    def coarse_codes(self, factor: int) -> UInt8[Array, "cells"]:
         """Evidence codes at the tolerance of cells `factor` voxels wide."""
         if factor == self.coarse_factor:
             return self.rough_codes
-        num_cells = int(np.prod(self.grid.states.shape))
-        return _codes(self.states, self.keys, num_cells, _coarse_bounds(factor))
+        return _codes(self.states, self.keys, self.num_rows, _coarse_bounds(factor))
 
 
 def _coarse_bounds(factor: int) -> tuple[int, int]:
@@ -90,8 +119,8 @@ def _coarse_bounds(factor: int) -> tuple[int, int]:
     return int(reach**2), min(int((reach + 0.5) ** 2), FIELD_RADIUS**2)
 
 
-def _codes(states: Array, keys: Array, num_cells: int, bounds: tuple[int, int]) -> UInt8[Array, "flat"]:
-    return code_table(states, keys, num_cells, hit_sq=bounds[0], clear_sq=bounds[1])
+def _codes(states: Array, keys: Array, num_rows: int, bounds: tuple[int, int]) -> UInt8[Array, "cells"]:
+    return code_pool(states, keys, num_rows, hit_sq=bounds[0], clear_sq=bounds[1])
 
 
 def _coarse_factor(voxel_size: float) -> int:
@@ -150,11 +179,9 @@ def prepare_map(grid: VoxelGrid | MapSurface) -> PreparedMap:
     min_planarity = 0.3
     surface = grid if isinstance(grid, MapSurface) else map_surface(grid)
     grid, index, moments = surface
-    states = np.asarray(grid.states)
+    pools = map_pools(grid.state_blocks(), index, radius=FIELD_RADIUS)
     # What kernels look up has one of few lengths, so that another map compiles nothing new.
-    cells, rows = table_lengths(states.size, len(index))
-    flat = to_device(as_table(np.ascontiguousarray(states).reshape(-1), cells))
-    keys = nearest_table(index, states.shape, radius=FIELD_RADIUS)
+    *_, rows = pool_lengths(math.prod(lattice_shape(grid.shape)), pools.num_rows, len(index))
 
     normals, curvature, offset = (np.asarray(a) for a in (moments.normal, moments.curvature, moments.offset))
     planarity = _planarity(curvature, np.asarray(moments.num_occupied))
@@ -167,6 +194,7 @@ def prepare_map(grid: VoxelGrid | MapSurface) -> PreparedMap:
     def table(values: np.ndarray) -> Array:
         return to_device(as_table(values.astype(np.float32, copy=False), rows))
 
+    codes = partial(_codes, pools.states, pools.keys, pools.num_rows)
     return PreparedMap(
         grid=grid,
         points=table(points),
@@ -177,11 +205,10 @@ def prepare_map(grid: VoxelGrid | MapSurface) -> PreparedMap:
         planarity=table(planarity),
         num_points=len(index),
         free_share=surface.free_share,
-        keys=keys,
-        codes=_codes(flat, keys, states.size, (hit_sq, clear_sq)),
-        rough_codes=_codes(flat, keys, states.size, _coarse_bounds(_coarse_factor(grid.voxel_size))),
-        states=flat,
-        dims=to_device(np.asarray(states.shape, np.int32)),
+        codes=codes((hit_sq, clear_sq)),
+        rough_codes=codes(_coarse_bounds(_coarse_factor(grid.voxel_size))),
+        dims=to_device(np.asarray(grid.shape, np.int32)),
+        **pools._asdict(),
         centroid=to_device(points.mean(axis=0, dtype=np.float64).astype(np.float32)),
     )
 

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from voxjax._checks import InputError
 from voxjax._runtime.tables import reserve, table_length
+from voxjax.ops.blocks.block_array import blocks_of
 from voxjax.ops.evidence.lookup import Block, cells_on_host, lookup, turn_columns, turned_on_host
 
 HUGE = (936, 1698, 174)
@@ -25,6 +26,29 @@ def test_host_and_kernel_find_the_same_cells(shape: tuple[int, int, int], seed: 
     np.testing.assert_array_equal(found, np.asarray(cell))
     expected = np.asarray(np.ravel_multi_index(tuple(np.floor(places).astype(int)), shape, mode="clip"))
     np.testing.assert_array_equal(found[is_found], expected[is_found])
+
+
+@settings(max_examples=30, deadline=None)
+@given(shape=st.tuples(*[st.integers(1, 40)] * 3), seed=st.integers(0, 99))
+def test_a_pool_of_blocks_holds_what_the_dense_field_holds(shape: tuple[int, int, int], seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    field = rng.integers(0, 3, shape).astype(np.uint8) * (rng.random(shape) < rng.random())
+    blocks = blocks_of(field)
+    # Tables go on past the box.
+    table, pool = np.append(blocks.table.reshape(-1), np.full(5, 1 << 20)), blocks.pool.reshape(-1)
+    places = rng.uniform(-3, 43, (3, 200)).astype(np.float32)
+    dense, is_in_dense = cells_on_host([row.copy() for row in places], shape)
+    block = Block.of(np.asarray(shape, np.int32), np.zeros(3, np.float32), 1.0, table.astype(np.int32))
+    cell, is_inside = (np.asarray(part) for part in block.cells_at(list(places)))
+    np.testing.assert_array_equal(is_inside, is_in_dense)
+    np.testing.assert_array_equal(pool[cell], np.where(is_inside, field.reshape(-1)[dense], pool[0]))
+    assert not cell[~is_inside].any()
+    found, is_found = cells_on_host([row.copy() for row in places], shape, table.astype(np.int32))
+    np.testing.assert_array_equal(found, cell)
+    np.testing.assert_array_equal(is_found, is_inside)
+    np.testing.assert_array_equal(
+        lookup(pool, block, places.T, np.uint8(9)), np.where(is_inside, pool[cell], 9)
+    )
 
 
 def test_host_and_kernel_turn_alike() -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 from scipy import ndimage
 
+from near_fields import dense_field
 from voxjax.maps.prepared import FIELD_RADIUS
 from voxjax.refinement.problems.field_tables import distance_field_of, opinion_field_of
 from voxjax.refinement.problems.parts import surface_of
@@ -11,8 +12,12 @@ from voxjax.refinement.problems.views import hard_view
 
 def values_of(field, grid):
     """The value of each voxel of the map."""
-    rows = np.asarray(field.rows)[: grid.states.size]
-    return np.asarray(field.values)[rows].reshape(grid.shape)
+    return np.asarray(field.values)[rows_of(field, grid)]
+
+
+def rows_of(field, grid):
+    """The row of the values of each voxel of the map."""
+    return dense_field(np.asarray(field.rows), grid.shape, np.asarray(field.table))
 
 
 def test_opinions_are_the_states_but_unknown_far_from_surfaces(prepared):
@@ -23,7 +28,7 @@ def test_opinions_are_the_states_but_unknown_far_from_surfaces(prepared):
     np.testing.assert_array_equal(values_of(field, grid), expected)
     near = np.asarray(ndimage.distance_transform_edt(states != 2)) ** 2 <= 3.0**2 + 1e-6
     # Free voxels beyond the band share one value, so that a derivative is as short as the surface.
-    far = np.asarray(field.rows)[: states.size].reshape(grid.shape)[(states == 1) & ~near]
+    far = rows_of(field, grid)[(states == 1) & ~near]
     assert far.size > 0
     assert set(far.tolist()) == {1}
 

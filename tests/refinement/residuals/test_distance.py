@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
+from near_fields import dense_values
 from oracles.motions import moved
 from oracles.refinement import distance_from_plane, loss_of, trilinear
 from oracles.rooms import VOXEL
@@ -17,8 +18,8 @@ def test_distances_are_those_of_the_pieces_of_plane_read_between_centres(prepare
     a = prepared[0]
     term = one_term(prepared, "distances", loss="cauchy")
     states = np.asarray(a.grid.states)
-    rows, _ = (np.asarray(part) for part in split_keys(np.asarray(a.keys)[: states.size]))
-    is_near = np.asarray(a.keys)[: states.size] != NOTHING_NEAR
+    keys = dense_values(a, a.keys).reshape(-1)
+    rows, is_near = np.asarray(split_keys(keys)[0]), keys != NOTHING_NEAR
     is_signed = np.any(np.asarray(a.sides), axis=1)
     dense = np.full(states.size, 5 * VOXEL)
     cells = np.stack(np.unravel_index(np.arange(states.size), states.shape), axis=-1)

@@ -5,7 +5,7 @@ import pytest
 
 from small_worlds import FURNITURE, draw_map, pose
 from voxjax.maps.prepared import prepare_map
-from voxjax.registration.judging.conflict_pieces import piece_area, weigh_pieces
+from voxjax.registration.judging.conflict_pieces import _pieces, piece_area, weigh_pieces
 from voxjax.registration.judging.judgement import judge_poses
 from voxjax.registration.judging.leaders import Leaders
 from voxjax.registration.judging.settings import VerdictConfig
@@ -48,6 +48,16 @@ def test_a_moved_cupboard_is_a_piece_of_its_own_size(maps):
     # The cupboard is gone from one place and stands in another: each shows about 5 to 7 m^2 of sides and top, in voxels
     # of slanted steps and double layers up to twice that.
     assert 2.0 < area < 28.0
+
+
+def test_pieces_in_a_large_box_are_those_in_a_small_one():
+    rng = np.random.default_rng(0)
+    index = np.argwhere(rng.random((12, 9, 20)) < 0.1) - 5
+    whole, apart = _pieces(index), _pieces(index, most=1)
+    # Numbers differ, pieces do not.
+    assert len(np.unique(whole)) == len(np.unique(apart)) == len(np.unique([whole, apart], axis=1).T) > 10
+    spread_out = np.concatenate([index, index + 3_000_000])
+    assert len(np.unique(_pieces(spread_out))) == 2 * len(np.unique(whole))
 
 
 def test_the_cleaner_of_two_rivals_comes_first(maps):

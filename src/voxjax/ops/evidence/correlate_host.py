@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Complex64, Float, Float32, UInt8
 from scipy.fft import irfftn, next_fast_len, rfftn
 
-from .lookup import cells_on_host, turned_on_host
+from .lookup import Block, cells_on_host, turned_on_host
 from .scoring import CONFLICT, HIT
 
 PEAK_BLOCK = 4
@@ -23,9 +23,8 @@ def block_size(cells: int) -> int:
 
 
 def coarse_spectra_on_host(
-    codes: UInt8[np.ndarray, "i j k"],
-    origin: Float[np.ndarray, "3"],
-    voxel_size: float,
+    codes: UInt8[np.ndarray, "flat"],
+    block: Block,
     columns: Float32[np.ndarray, "3 n"],
     weights: Float[np.ndarray, "n"],
     rotation: Float[np.ndarray, "3 3"],
@@ -39,9 +38,8 @@ def coarse_spectra_on_host(
     """Fourier transforms of one rotated map on a coarse block: what it offers, and what it asks.
 
     Args:
-        codes: Evidence codes (`evidence_codes`) at the coarse tolerance.
-        origin: Outer corner of the map's block [m].
-        voxel_size: Width of the map's voxels [m].
+        codes: Evidence codes (`evidence_codes`) at the coarse tolerance, flat over the map's block; they may be longer.
+        block: Place and size of that block: NumPy arrays, the origin in float64.
         columns: Occupied voxel centres in the map's frame [m], as rows x, y and z.
         weights: Weight of each point.
         rotation: Maps the map's frame into the frame of the coarse block.
@@ -54,19 +52,21 @@ def coarse_spectra_on_host(
     Returns:
         Both spectra, as `correlate.coarse_spectra` gives them.
     """
+    shape, voxel_size = np.asarray(block.dims).tolist(), float(block.voxel_size)
     # Cell centres in voxels of the map: a sum of one vector an axis.
     step = rotation * (cell_size / voxel_size)
     # A row times the rotation is turned back, from the block into the map.
-    start = ((low + 0.5 * cell_size) @ rotation - origin) / voxel_size
+    start = ((low + 0.5 * cell_size) @ rotation - np.asarray(block.origin)) / voxel_size
 
     def place(axis: int) -> np.ndarray:
         x, y, z = ((np.arange(n) * step[i, axis]).astype(np.float32) for i, n in enumerate(box))
         return (x[:, None] + (y + np.float32(start[axis]))[None, :])[:, :, None] + z[None, None, :]
 
     # What the map offers: codes at the centres of cells, as values.
-    flat, is_inside = cells_on_host(map(place, range(3)), codes.shape)
+    table = None if block.table is None else np.asarray(block.table)
+    flat, is_inside = cells_on_host(map(place, range(3)), shape, table)
     # Code 0 says that nothing is known, and a product with False gives it to what lies outside.
-    code = np.take(codes.reshape(-1), flat) * is_inside
+    code = np.take(codes, flat) * is_inside
     values = np.zeros(4, np.float32)
     values[HIT], values[CONFLICT] = 1.0, -conflict_weight
     offer = np.take(values, code)

@@ -1,4 +1,7 @@
-"""Values of a flat field at points, for a block whose size is traced.
+"""Values of a field at points, for a box whose size is traced.
+
+A field is flat: dense, a cell for each voxel of the box, or a pool of blocks of 8 x 8 x 8 voxels, with a table that
+says for each block of the box which row of the pool it is. A lookup in a pool reads the table and then the pool.
 
 Points go by columns, one array for each of x, y and z: arrays whose last axis is 3 run ten times slower on a CPU.
 """
@@ -21,16 +24,26 @@ class Block(NamedTuple):
         dims: Size [voxel].
         origin: Outer corner [m].
         voxel_size: Width of a voxel [m].
+        table: Row of the field, in rows of 512 cells, of each block of 8 x 8 x 8 voxels, in C order over the blocks; it
+            may be longer. None for a dense field, which has a cell for each voxel in C order.
     """
 
     dims: Int32[Array, "3"]
     origin: Float32[Array, "3"]
     voxel_size: Float32[Array, ""] | np.floating | float
+    table: Int32[Array, "blocks"] | None = None
 
     @classmethod
-    def of(cls, dims: Array, origin: Array, voxel_size: Array | np.generic | float) -> "Block":
+    def of(
+        cls,
+        dims: Array,
+        origin: Array,
+        voxel_size: Array | np.generic | float,
+        table: Array | None = None,
+    ) -> "Block":
         """A block from what a caller of a kernel gives: NumPy arrays and numbers serve as well as device arrays."""
-        return cls(jnp.asarray(dims), jnp.asarray(origin), jnp.asarray(voxel_size, jnp.float32))
+        given = jnp.asarray(dims), jnp.asarray(origin), jnp.asarray(voxel_size, jnp.float32)
+        return cls(*given, None if table is None else jnp.asarray(table))
 
     def cells_under(self, T: Array, columns: Array) -> tuple[Array, Array]:
         """Cells of points (as rows x, y and z) under a pose, and whether they lie inside."""
@@ -47,7 +60,19 @@ class Block(NamedTuple):
         ]
         is_inside = is_below[0] & is_below[1] & is_below[2]
         # Outside, where the product may wrap round, cell 0 is looked up, so that no lookup need check its bounds.
-        return jnp.where(is_inside, (x * self.dims[1] + y) * self.dims[2] + z, 0), is_inside
+        if self.table is None:
+            return jnp.where(is_inside, (x * self.dims[1] + y) * self.dims[2] + z, 0), is_inside
+        # A side of 8 takes shifts in place of divisions.
+        height, depth = ((self.dims[i] + 7) >> 3 for i in (1, 2))
+        block = ((x >> 3) * height + (y >> 3)) * depth + (z >> 3)
+        row = self.rows_of(jnp.where(is_inside, block, 0))
+        cell = (row << 9) | ((x & 7) << 6) | ((y & 7) << 3) | (z & 7)
+        return jnp.where(is_inside, cell, 0), is_inside
+
+    def rows_of(self, block: Array) -> Array:
+        """Rows of the pool for blocks of the box, by their numbers in C order."""
+        assert self.table is not None  # a dense field has no rows
+        return entries(self.table, block)
 
 
 def lookup(field: Array, block: Block, points: Float32[Array, "*n 3"], outside: np.generic) -> Array:
@@ -56,24 +81,35 @@ def lookup(field: Array, block: Block, points: Float32[Array, "*n 3"], outside: 
     return values_at(field, *block.cells_at(places), outside)
 
 
-def cells_on_host(places: Iterable[np.ndarray], shape: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+def cells_on_host(
+    places: Iterable[np.ndarray], shape: Sequence[int], table: Int32[np.ndarray, "blocks"] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """`Block.cells_at` in NumPy, for arrays of any length and shape.
 
     Args:
         places: Float32 x, y and z [voxel] from the outer corner of the block; they are rounded down in place.
         shape: Size of the block [voxel].
+        table: Row of the pool of each block of 8 x 8 x 8 voxels; None for a dense field.
 
     Returns:
         Flat cells int32, 0 beyond the block, and whether they lie inside.
     """
-    flat, is_inside = np.int32(0), np.True_
+    # Of a dense field all is the number of a voxel; of a pool the number of a block, and the place within it.
+    flat, inner, is_inside = np.int32(0), np.int32(0), np.True_
     for place, size in zip(places, shape, strict=True):
         cell = np.floor(place, out=place).astype(np.int32)
         # Unsigned: what is below 0 is far above.
         is_inside = is_inside & (cell.view(np.uint32) < np.uint32(size))
+        if table is not None:
+            inner = (inner << 3) | (cell & 7)
+            cell >>= 3
+            size = -(-size // 8)
         # Outside of the block the product may wrap round; what comes of it is replaced below.
         flat = flat * np.int32(size) + cell
-    return np.where(is_inside, flat, 0), np.asarray(is_inside)
+    flat = np.where(is_inside, flat, 0)
+    if table is not None:
+        flat = np.where(is_inside, (np.take(table, flat) << 9) | inner, 0)
+    return flat, np.asarray(is_inside)
 
 
 def turned_on_host(rotation: np.ndarray, columns: np.ndarray) -> Iterator[np.ndarray]:

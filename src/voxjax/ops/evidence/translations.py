@@ -24,19 +24,15 @@ class CoarseMap(NamedTuple):
     """What the search needs of a map.
 
     Attributes:
-        codes: Evidence codes at the tolerance of a coarse cell, a table of the map's cells (`map_tables`).
-        shape: Size of the map's block [voxel].
-        origin: Outer corner of the block [m].
-        voxel_size: Width of a voxel [m].
+        codes: Evidence codes at the tolerance of a coarse cell, flat over the map's block; they may be longer.
+        block: Place and size of that block, its origin in float64 on the host.
         points: Table of the occupied voxel centres (n, 3) [m].
         weights: Table of their weights (n,), 0 for padding.
         num_points: Rows of both tables that are not padding.
     """
 
     codes: Array
-    shape: tuple[int, int, int]
-    origin: np.ndarray
-    voxel_size: float
+    block: Block
     points: Array
     weights: Array
     num_points: int
@@ -110,15 +106,14 @@ def _search_on_host(
 ) -> list[Peaks]:
     """`search_translations` in NumPy: each rotated map is transformed once, rotations side by side on all cores."""
     maps = a, b
+    codes = [np.asarray(m.codes) for m in maps]
     # Tables go on past what is in them, and what follows means nothing.
-    codes = [np.asarray(m.codes)[: int(np.prod(m.shape))].reshape(m.shape) for m in maps]
     columns = [np.ascontiguousarray(np.asarray(m.points)[: m.num_points].T) for m in maps]
     # `np.bincount` sums in float64, and would convert float32 weights anew for each rotation.
     weights = [np.asarray(m.weights, np.float64)[: m.num_points] for m in maps]
 
     def spectra(which: int, rotation: np.ndarray, low: np.ndarray, box: np.ndarray, cells: Cells) -> tuple:
-        origin, voxel_size = np.asarray(maps[which].origin, np.float64), maps[which].voxel_size
-        given = codes[which], origin, voxel_size, columns[which], weights[which]
+        given = codes[which], maps[which].block, columns[which], weights[which]
         return coarse_spectra_on_host(
             *given, rotation, low, _triple(box), placements[0].cell, conflict_weight, cells=cells
         )
@@ -159,9 +154,8 @@ def _search_by_kernels(
     """`search_translations` on the default device: one rotation after the other, in blocks of few shapes."""
 
     def spectra(m: CoarseMap, rotation: np.ndarray, low: np.ndarray, cell: float, cells: Cells) -> tuple:
-        block = Block(
-            np.asarray(m.shape, np.int32), np.asarray(m.origin, np.float32), np.float32(m.voxel_size)
-        )
+        origin, voxel_size = np.asarray(m.block.origin, np.float32), np.float32(m.block.voxel_size)
+        block = m.block._replace(origin=origin, voxel_size=voxel_size)
         place = rotation.astype(np.float32), low.astype(np.float32), np.float32(cell)
         numbers = to_device((*place, np.float32(conflict_weight)))
         return coarse_spectra(m.codes, to_device(block), m.points, m.weights, *numbers, cells=cells)

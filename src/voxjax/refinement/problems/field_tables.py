@@ -1,15 +1,15 @@
 """Fields near the surfaces of a map, for the residuals that read values between voxel centres."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from ..._runtime.buckets import pad_rows, wide_bucket_size
+from ..._runtime.placement import to_device
 from ..._runtime.tables import reserve
 from ..._types import FREE, OCCUPIED, Array
 from ...maps.prepared import FIELD_RADIUS, PreparedMap
-from ...ops.evidence.nearest import NOTHING_NEAR, split_keys
+from ...ops.evidence.nearest import INDEX_BITS, NOTHING_NEAR, split_keys
 from ..residuals.distance import plane_distances
 from ..residuals.fields import Field
 from ..residuals.planes import NearestSurface
@@ -29,7 +29,7 @@ def distance_field_of(prepared: PreparedMap, surface: NearestSurface) -> Field:
         prepared: The map.
         surface: Planes of the map, which may be traced: the field is differentiable in them.
     """
-    keys = _keys(prepared)
+    keys, _ = prepared.near_cells()
     cells = np.flatnonzero(keys != NOTHING_NEAR)
     voxel_size = jnp.asarray(surface.voxel_size)
     reach = jnp.asarray(FIELD_RADIUS, voxel_size.dtype) * voxel_size
@@ -38,7 +38,7 @@ def distance_field_of(prepared: PreparedMap, surface: NearestSurface) -> Field:
     is_signed = sides.any(axis=1) & prepared.has_free_space
     length = field_length(len(cells))
     nearest = pad_rows(np.asarray(split_keys(keys[cells])[0]), length)
-    centres = prepared.grid.world_from_index(_unravel(cells, prepared)).astype(voxel_size.dtype)
+    centres = prepared.grid.world_from_index(prepared.voxels_at(cells)).astype(voxel_size.dtype)
     distances = plane_distances(
         pad_rows(centres, length),
         nearest,
@@ -48,7 +48,8 @@ def distance_field_of(prepared: PreparedMap, surface: NearestSurface) -> Field:
         voxel_size=voxel_size,
         reach=reach,
     )
-    return _field(prepared, cells, 1, jnp.concatenate([reach[None], distances]))
+    rows = _rows(prepared, cells, 1)
+    return _field(prepared, rows, jnp.concatenate([reach[None], distances]))
 
 
 def opinion_field_of(prepared: PreparedMap, said: Float[Array, "x y z"] | None = None) -> Field:
@@ -63,39 +64,33 @@ def opinion_field_of(prepared: PreparedMap, said: Float[Array, "x y z"] | None =
     """
     # Opinions of voxels within three voxels of a surface are told apart; beyond, free is free.
     band_sq = 9
-    states = np.asarray(prepared.grid.states).reshape(-1)
-    # The padding of the table is cut off: its cells are of no map, and must not get rows.
-    keys = _keys(prepared)
-    is_near = (keys != NOTHING_NEAR) & (np.asarray(split_keys(keys)[1]) <= band_sq)
+    keys, states = prepared.near_cells()
+    # Where nothing is near, the key gives a distance beyond all.
+    is_near = keys >> INDEX_BITS <= band_sq
     cells = np.flatnonzero(is_near)
     length = field_length(len(cells))
     if said is None:
         near = np.where(states[cells] == OCCUPIED, 1.0, np.where(states[cells] == FREE, -1.0, 0.0))
         near = jnp.asarray(pad_rows(near.astype(np.float32), length))
     else:
-        # Padding reads cell 0, and nothing points to what it reads.
-        near = jnp.asarray(said).reshape(-1)[pad_rows(cells, length)]
+        # Padding reads voxel 0, and nothing points to what it reads.
+        near = jnp.asarray(said)[tuple(pad_rows(prepared.voxels_at(cells), length).T)]
     # Two numbers stand for most of the volume: a derivative is then as long as what is near surfaces.
     values = jnp.concatenate([jnp.asarray([0.0, -1.0], near.dtype), near])
-    field = _field(prepared, cells, 2, values)
-    # The rows are still the host's memory, which may be written until it is put on the device.
-    rows = np.asarray(field.rows)
+    rows = _rows(prepared, cells, 2)
     rows[np.flatnonzero((states == FREE) & ~is_near)] = 1
-    return field._replace(rows=jax.device_put(rows))
+    return _field(prepared, rows, values)
 
 
-def _keys(prepared: PreparedMap) -> np.ndarray:
-    return np.asarray(prepared.keys)[: prepared.grid.states.size]
-
-
-def _unravel(cells: np.ndarray, prepared: PreparedMap) -> np.ndarray:
-    return np.stack(np.unravel_index(cells, prepared.grid.shape), axis=-1)
-
-
-def _field(prepared: PreparedMap, cells: np.ndarray, first: int, values: Array) -> Field:
+def _rows(prepared: PreparedMap, cells: np.ndarray, first: int) -> np.ndarray:
+    """Rows of values for all cells of a map's pools: those of some cells from `first` on, 0 elsewhere."""
     # What is not written is row 0, that of all that is far, and takes no memory.
     rows = reserve(len(prepared.keys), dtype=np.int32)
     rows[cells] = np.arange(first, first + len(cells), dtype=np.int32)
-    dims, origin, voxel_size = prepared.block
+    return rows
+
+
+def _field(prepared: PreparedMap, rows: np.ndarray, values: Array) -> Field:
+    dims, origin, voxel_size, table = prepared.block
     origin, voxel_size = (np.asarray(value, values.dtype) for value in (origin, voxel_size))
-    return Field(rows, dims, origin, voxel_size, values, np.asarray(0, np.int32))
+    return Field(to_device(rows), dims, origin, voxel_size, values, np.asarray(0, np.int32), table)

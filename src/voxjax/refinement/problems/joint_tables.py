@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -10,10 +11,11 @@ from jax.core import Tracer
 
 from ..._checks import InputError
 from ..._runtime.buckets import wide_bucket_size
-from ..._runtime.tables import as_table, table_lengths
+from ..._runtime.tables import as_table, pool_lengths
 from ..._types import Array
 from ...maps.prepared import PreparedMap
-from ...ops.evidence.nearest import INDEX_BITS, NOTHING_NEAR
+from ...ops.blocks.block_array import BLOCK_VOXELS
+from ...ops.evidence.nearest import NOTHING_NEAR
 from ..residuals.atlas import AtlasField, AtlasSurface
 from ..residuals.fields import Field
 from ..residuals.planes import NearestSurface
@@ -31,17 +33,10 @@ def in_common_tables(targets: Sequence[Target], maps: Sequence[PreparedMap]) -> 
     Raises:
         InputError: If the maps are too large for one table.
     """
-    # Tables are cut to what is in each map: padded ones would not fit together.
-    sizes = [int(np.prod(np.asarray(prepared.dims), dtype=np.int64)) for prepared in maps]
-    counts = [prepared.num_points for prepared in maps]
-    if sum(sizes) > np.iinfo(np.int32).max or sum(counts) >= 1 << INDEX_BITS:
-        raise InputError(
-            f"grids must have fewer than {np.iinfo(np.int32).max} voxels and {1 << INDEX_BITS} occupied ones "
-            f"together, got {sum(sizes)} and {sum(counts)}; refine them at a larger voxel size."
-        )
-    surfaces = _surfaces([target.surface for target in targets], sizes, counts)
+    place = _places(maps)
+    surfaces = _surfaces([target.surface for target in targets], place)
     distances, opinions = (
-        _fields([getattr(target, kind) for target in targets], sizes) for kind in ("distances", "opinions")
+        _fields([getattr(target, kind) for target in targets], place) for kind in ("distances", "opinions")
     )
     return [
         Target(surface, distance, opinion, target.has_free_space)
@@ -49,19 +44,64 @@ def in_common_tables(targets: Sequence[Target], maps: Sequence[PreparedMap]) -> 
     ]
 
 
-def _surfaces(
-    surfaces: Sequence[NearestSurface], sizes: Sequence[int], counts: Sequence[int]
-) -> list[AtlasSurface]:
+class _Places(NamedTuple):
+    """Where the maps lie in common tables, and how long these are.
+
+    Attributes:
+        table: Rows of the common pools of the blocks of all maps, device array.
+        first_blocks: Where the blocks of each map begin in it.
+        sizes: Cells of each map in its pools.
+        counts: Occupied voxels of each map.
+        num_cells: Length of the common pools.
+        num_rows: Length of the common lists of voxels.
+    """
+
+    table: Array
+    first_blocks: list[int]
+    sizes: list[int]
+    counts: list[int]
+    num_cells: int
+    num_rows: int
+
+
+def _places(maps: Sequence[PreparedMap]) -> _Places:
+    """Where maps lie in common tables.
+
+    Raises:
+        InputError: If the maps are too large for one table.
+    """
+    # Tables are cut to what is in each map: padded ones would not fit together.
+    rows, counts = [prepared.num_rows for prepared in maps], [prepared.num_points for prepared in maps]
+    blocks = [prepared.num_blocks for prepared in maps]
+    try:
+        lengths = pool_lengths(sum(blocks), sum(rows), sum(counts))
+    except InputError as error:
+        raise InputError(f"grids do not fit one table together: {error}") from None
+    parts = [
+        np.asarray(prepared.table)[:count] + np.int32(first)
+        for prepared, count, first in zip(maps, blocks, _firsts(rows), strict=True)
+    ]
+    sizes = [BLOCK_VOXELS * count for count in rows]
+    return _Places(
+        table=_table(parts, lengths[0]),
+        first_blocks=_firsts(blocks),
+        sizes=sizes,
+        counts=counts,
+        num_cells=BLOCK_VOXELS * lengths[1],
+        num_rows=lengths[2],
+    )
+
+
+def _surfaces(surfaces: Sequence[NearestSurface], place: _Places) -> list[AtlasSurface]:
     """One after the other: keys of as many cells and lists of as many rows as each map has."""
     # Rows of the shortest lists of voxels that are weighed; lengths climb in wide steps.
     least_rows = 1 << 14
-    num_cells, num_rows = table_lengths(sum(sizes), sum(counts))
+    sizes, counts, num_rows = place.sizes, place.counts, place.num_rows
     is_soft = any(surface.trust is not None for surface in surfaces)
     if is_soft:  # derivatives are as long
         num_rows = wide_bucket_size(sum(counts), least_rows)
-    # These are added to a map's own numbers: where its cells begin in the common keys, and its rows in the
-    # lists.
-    first_cells, first_rows = _firsts(sizes), _firsts(counts)
+    # It is added to a map's own numbers of its voxels: where they begin in the lists.
+    first_rows = _firsts(counts)
 
     def keys(surface: NearestSurface, size: int, row: int) -> np.ndarray:
         own = np.asarray(surface.keys)[:size]
@@ -76,14 +116,16 @@ def _surfaces(
         # In one table with soft maps, those without probabilities trust all their voxels.
         return np.ones(count, surface.points.dtype) if surface.trust is None else surface.trust[:count]
 
-    all_keys = _table([keys(*each) for each in zip(surfaces, sizes, first_rows, strict=True)], num_cells)
+    all_keys = _table(
+        [keys(*each) for each in zip(surfaces, sizes, first_rows, strict=True)], place.num_cells
+    )
     anchors, normals, planarity = (rows(name) for name in ("points", "normals", "planarity"))
     trusts = [trust_of(*each) for each in zip(surfaces, counts, strict=True)] if is_soft else []
     trust = _table(trusts, num_rows) if is_soft else None
     return [
         AtlasSurface(
             keys=all_keys,
-            dims=np.append(np.asarray(surface.dims), cell).astype(np.int32),
+            dims=np.append(np.asarray(surface.dims), block).astype(np.int32),
             origin=surface.origin,
             voxel_size=surface.voxel_size,
             points=anchors,
@@ -91,35 +133,36 @@ def _surfaces(
             planarity=planarity,
             is_signed=surface.is_signed,
             trust=trust,
+            table=place.table,
         )
-        for surface, cell in zip(surfaces, first_cells, strict=True)
+        for surface, block in zip(surfaces, place.first_blocks, strict=True)
     ]
 
 
-def _fields(fields: Sequence[Field | None], sizes: Sequence[int]) -> list[AtlasField] | list[None]:
+def _fields(fields: Sequence[Field | None], place: _Places) -> list[AtlasField] | list[None]:
     """One after the other, with rows of as many cells as each map has; None where there is none of a kind."""
     given = [field for field in fields if field is not None]
     if not given:
         return [None] * len(fields)
     counts = [len(field.values) for field in given]
-    num_cells, _ = table_lengths(sum(sizes), 0)
-    first_cells, first_rows = _firsts(sizes), _firsts(counts)
-    parts = zip(given, sizes, first_rows, strict=True)
+    first_rows = _firsts(counts)
+    parts = zip(given, place.sizes, first_rows, strict=True)
     # Rows move on by the values of the maps before; those of the outside do so as well, see below.
     all_rows = _table(
-        [np.asarray(field.rows)[:size] + np.int32(row) for field, size, row in parts], num_cells
+        [np.asarray(field.rows)[:size] + np.int32(row) for field, size, row in parts], place.num_cells
     )
     values = _table([field.values for field in given], field_length(sum(counts)))
     return [
         AtlasField(
             rows=all_rows,
-            dims=np.append(np.asarray(field.dims), cell).astype(np.int32),
+            dims=np.append(np.asarray(field.dims), block).astype(np.int32),
             origin=field.origin,
             voxel_size=field.voxel_size,
             values=values,
             outside=np.asarray(field.outside + row, np.int32),
+            table=place.table,
         )
-        for field, cell, row in zip(given, first_cells, first_rows, strict=True)
+        for field, block, row in zip(given, place.first_blocks, first_rows, strict=True)
     ]
 
 

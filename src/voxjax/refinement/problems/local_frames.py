@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Float32
@@ -88,9 +89,7 @@ def local_frames(grids: Mapping[str, VoxelGrid | PreparedMap], *, is_wanted: boo
         grids: The maps, by the names that errors call them; what is no map stays for those who say so.
         is_wanted: Whether poses are values, and nobody else's residuals are about the maps' own frames.
     """
-    parts = [
-        (grid.states, grid.origin, grid.log_odds) for grid in grids.values() if isinstance(grid, VoxelGrid)
-    ]
+    parts = [jax.tree.leaves(grid) for grid in grids.values() if isinstance(grid, VoxelGrid)]
     if not is_wanted or any(is_traced(part) for each in parts for part in each):
         return LocalFrames(dict(grids), [np.zeros(3)] * len(grids))
     moved = [

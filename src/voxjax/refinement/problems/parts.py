@@ -12,7 +12,7 @@ from ..._checks import InputError, check_count, shown
 from ..._runtime.placement import to_device
 from ..._types import FREE, OCCUPIED, Array
 from ...maps.prepared import sample_rows
-from ...ops.evidence.nearest import split_keys
+from ...ops.evidence.nearest import INDEX_BITS
 from ..residuals.fields import Field
 from ..residuals.planes import MIN_PLANARITY, NearestSurface, Sample
 from .field_tables import distance_field_of, opinion_field_of
@@ -68,7 +68,7 @@ def points_of(view: MapView, kinds: Collection[str], num_points: int) -> Points:
 
 def surface_of(view: MapView, *, is_signed: bool) -> NearestSurface:
     """What the residuals need of a map's planes; `is_signed` if free space tells sides apart in both maps."""
-    dims, origin, voxel_size = view.prepared.block
+    dims, origin, voxel_size, table = view.prepared.block
     dtype = view.anchors.dtype
     return NearestSurface(
         keys=view.prepared.keys,
@@ -80,6 +80,7 @@ def surface_of(view: MapView, *, is_signed: bool) -> NearestSurface:
         planarity=view.planarity,
         is_signed=to_device(np.bool_(is_signed)),
         trust=view.occupancy,
+        table=table,
     )
 
 
@@ -136,19 +137,20 @@ def _said_points(view: MapView, num_points: int) -> tuple[Sample, Float[Array, "
     prepared, dtype = view.prepared, view.anchors.dtype
     grid, count = prepared.grid, num_points // 2
     # Where nothing is near, the key gives a distance beyond all.
-    _, distance_sq = split_keys(np.asarray(prepared.keys)[: grid.states.size])
-    states = np.asarray(grid.states).reshape(-1)
-    free = np.flatnonzero((np.asarray(distance_sq) <= near_sq) & (states == FREE))
-    rows = sample_rows(prepared, num_points - (count if len(free) else 0))
+    keys, states = prepared.near_cells()
+    near = np.flatnonzero((keys >> INDEX_BITS <= near_sq) & (states == FREE))
+    rows = sample_rows(prepared, num_points - (count if len(near) else 0))
     index = grid.occupied_index()[rows]
-    if len(free):
+    if len(near):
         # Free space has no leverage to draw by; every so many of its voxels in the order of the grid are as good.
-        chosen = free[(np.arange(count) * len(free)) // max(count, 1)]
-        index = np.concatenate([index, np.stack(np.unravel_index(chosen, grid.shape), axis=-1)])
+        free = prepared.voxels_at(near)
+        order = np.lexsort(free.T[::-1])
+        chosen = order[(np.arange(count) * len(free)) // max(count, 1)]
+        index = np.concatenate([index, free[chosen]])
     # Opinions are of voxels, so that these are centres and not places on planes.
     points = grid.world_from_index(index).astype(dtype)
     if view.said is None:
-        is_occupied = np.asarray(grid.states)[tuple(index.T)] == OCCUPIED
+        is_occupied = grid.states_at(index) == OCCUPIED
         said = np.where(is_occupied, 1.0, -1.0).astype(dtype)
     else:
         said = jnp.asarray(view.said)[tuple(index.T)]

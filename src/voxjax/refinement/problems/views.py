@@ -126,11 +126,14 @@ def views_of(grids: Mapping[str, VoxelGrid | PreparedMap], *, soft: bool) -> lis
     for name, grid in grids.items():
         if not isinstance(grid, PreparedMap):
             check_grid(name, grid)
-        if soft and (not isinstance(grid, VoxelGrid) or grid.log_odds is None):
+        if soft and (not isinstance(grid, VoxelGrid) or not grid.has_log_odds):
             raise InputError(
                 f"{name} must be a VoxelGrid with log_odds if soft is True; give it log-odds or leave soft out."
             )
-        if not soft and isinstance(grid, VoxelGrid) and isinstance(grid.log_odds, Tracer):
+        # Blocks are never traced, and would be made dense by the question.
+        if soft or not isinstance(grid, VoxelGrid) or grid.is_sparse:
+            continue
+        if isinstance(grid.log_odds, Tracer):
             raise InputError(
                 f"{name} has traced log_odds, on which the result depends with soft=True only; set it."
             )

@@ -11,27 +11,26 @@ from .planes import NearestSurface
 
 
 class AtlasBlock(Block):
-    """Where the cells of one map lie in the common table.
+    """Where the cells of one map lie in the pool of all maps.
 
     Attributes:
-        dims: Size of the map's block [voxel], then the number of its first cell.
+        dims: Size of the map's block [voxel], then where its blocks begin in the common table.
+        table: The common table, whose rows are those of a pool of all maps.
     """
 
     __slots__ = ()
 
-    def cells_at(self, places: list[Array]) -> tuple[Array, Array]:
-        """See `Block`; cells are numbered over all maps."""
-        # Whether a place is inside is asked of the map's own block, before its cells are moved on: neighbours in the
-        # table are other maps.
-        cell, is_inside = super().cells_at(places)
-        return cell + self.dims[3], is_inside
+    def rows_of(self, block: Array) -> Array:
+        """See `Block`; blocks are numbered over all maps."""
+        # Whether a place is inside was asked of the map's own block before: neighbours in the table are other maps.
+        return super().rows_of(block + self.dims[3])
 
 
 class AtlasSurface(NearestSurface):
     """A `NearestSurface` whose keys, points, normals, planarities and trust are those of all maps, one after the other.
 
     Attributes:
-        dims: Size of the map's block [voxel], then the number of its first cell.
+        dims: Size of the map's block [voxel], then where its blocks begin in the common table.
     """
 
     __slots__ = ()
@@ -39,14 +38,14 @@ class AtlasSurface(NearestSurface):
     @property
     def block(self) -> AtlasBlock:
         """Where the map's keys lie."""
-        return AtlasBlock(self.dims, self.origin, self.voxel_size)
+        return AtlasBlock(self.dims, self.origin, self.voxel_size, self.table)
 
 
 class AtlasField(Field):
     """A `Field` whose rows and values are those of all maps, one after the other; `outside` is the map's own.
 
     Attributes:
-        dims: Size of the map's block [voxel], then the number of its first cell.
+        dims: Size of the map's block [voxel], then where its blocks begin in the common table.
     """
 
     __slots__ = ()
@@ -54,4 +53,4 @@ class AtlasField(Field):
     @property
     def block(self) -> AtlasBlock:
         """Where the map's rows lie."""
-        return AtlasBlock(self.dims, self.origin, self.voxel_size)
+        return AtlasBlock(self.dims, self.origin, self.voxel_size, self.table)

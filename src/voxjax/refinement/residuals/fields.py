@@ -21,12 +21,13 @@ class Field(NamedTuple):
     """Values at voxel centres.
 
     Attributes:
-        rows: Flat, C order: row of `values` of each voxel of the block.
+        rows: Flat: row of `values` of each voxel of the block.
         dims: Size of the block [voxel].
         origin: Outer corner of that block [m].
         voxel_size: Edge length of a voxel [m].
         values: Values of the voxels near surfaces, and of what is elsewhere.
         outside: Row of `values` that holds what is outside of the block.
+        table: Where the rows of a block of voxels are, see `Block`; None for dense rows.
     """
 
     rows: Int32[Array, "flat"]
@@ -35,11 +36,12 @@ class Field(NamedTuple):
     voxel_size: Float[Array, ""]
     values: Float[Array, "m"]
     outside: Int32[Array, ""]
+    table: Int32[Array, "blocks"] | None = None
 
     @property
     def block(self) -> Block:
         """Where the rows lie."""
-        return Block(self.dims, self.origin, self.voxel_size)
+        return Block(self.dims, self.origin, self.voxel_size, self.table)
 
 
 class Cells(NamedTuple):

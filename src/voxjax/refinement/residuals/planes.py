@@ -36,6 +36,7 @@ class NearestSurface(NamedTuple):
         planarity: How far to trust the normals, in [0, 1].
         is_signed: Whether the normals of both maps point to free space, so that two sides of a wall differ.
         trust: Factor on the weight of a point that meets the voxel, at least 0; None for 1.
+        table: Rows of the keys by blocks, see `Block`; None for a dense field.
     """
 
     keys: UInt32[Array, "flat"]
@@ -47,11 +48,12 @@ class NearestSurface(NamedTuple):
     planarity: Float[Array, "m"]
     is_signed: Bool[Array, ""]
     trust: Float[Array, "m"] | None = None
+    table: Int32[Array, "blocks"] | None = None
 
     @property
     def block(self) -> Block:
         """Where the keys lie."""
-        return Block(self.dims, self.origin, self.voxel_size)
+        return Block(self.dims, self.origin, self.voxel_size, self.table)
 
 
 class Sample(NamedTuple):

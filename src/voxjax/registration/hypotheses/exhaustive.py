@@ -8,6 +8,7 @@ from jaxtyping import Float
 from scipy.spatial import ConvexHull
 
 from ...maps.prepared import PreparedMap
+from ...ops.evidence.lookup import Block
 from ...ops.evidence.translations import CoarseMap, Placement, search_translations
 from .settings import ExhaustiveConfig, SourceConfig
 
@@ -117,10 +118,9 @@ def exhaustive_hypotheses(
 
 def _coarse_map(prepared: PreparedMap, factor: int) -> CoarseMap:
     """A map as the search takes it, with evidence codes at the tolerance of cells `factor` voxels wide."""
-    grid = prepared.grid
-    codes = prepared.coarse_codes(factor)
-    lists = prepared.points, prepared.weights, prepared.num_points
-    return CoarseMap(codes, grid.shape, np.asarray(grid.origin), grid.voxel_size, *lists)
+    grid, lists = prepared.grid, (prepared.points, prepared.weights, prepared.num_points)
+    block = Block(prepared.dims, np.asarray(grid.origin, np.float64), grid.voxel_size, prepared.table)
+    return CoarseMap(prepared.coarse_codes(factor), block, *lists)
 
 
 def _place(

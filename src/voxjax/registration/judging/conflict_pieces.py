@@ -7,7 +7,11 @@ free space.
 from functools import partial
 
 import numpy as np
+from jaxtyping import Int
 from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
 from ... import rigid
 from ..._runtime.threads import spread
@@ -49,7 +53,7 @@ def _codes_at(target: PreparedMap, points: np.ndarray, T: np.ndarray) -> np.ndar
     shift = ((T[:3, 3].astype(np.float64) - target.grid.origin) / voxel).astype(np.float32)
     turned = turned_on_host(turn, np.ascontiguousarray(points.T))
     places = (np.add(place, shift[axis], out=place) for axis, place in enumerate(turned))
-    cell, is_inside = cells_on_host(places, target.grid.states.shape)
+    cell, is_inside = cells_on_host(places, target.grid.shape, np.asarray(target.table))
     # Places outside were given cell 0, whose code means nothing there.
     return np.take(np.asarray(target.codes), cell) * is_inside
 
@@ -60,16 +64,30 @@ def _in_pieces(other: PreparedMap, points: np.ndarray, min_area: float) -> int:
         return 0
     voxel = other.grid.voxel_size
     index = np.floor((points - other.grid.origin) / voxel).astype(np.int64)
-    # The box around the conflicts alone is labelled, not the whole map.
-    index -= index.min(axis=0)
-    block = np.zeros(index.max(axis=0) + 1, bool)
-    block[tuple(index.T)] = True
-    # Slanted surfaces are steps of voxels, which hang together across edges and corners only.
-    labels = np.empty(block.shape, np.int32)
-    ndimage.label(block, np.ones((3, 3, 3), int), output=labels)
-    # Every labelled voxel is a conflict, so that label 0, the background, has none.
-    sizes = np.bincount(labels[block])
+    sizes = np.bincount(_pieces(index))
     return int(sizes[sizes * voxel**2 >= min_area].sum())
+
+
+def _pieces(index: Int[np.ndarray, "n 3"], *, most: int = 1 << 24) -> Int[np.ndarray, "n"]:
+    """Number of the piece that each of some voxels belongs to; they hang together across edges and corners, too.
+
+    Args:
+        index: Different voxels; slanted surfaces are steps of them, which share no more than edges and corners.
+        most: Voxels of a box around all of them that is labelled as a whole.
+    """
+    # The box around the conflicts alone is labelled, not the whole map.
+    index = index - index.min(axis=0)
+    shape = index.max(axis=0) + 1
+    if shape.astype(np.float64).prod() <= most:
+        block = np.zeros(shape, bool)
+        block[tuple(index.T)] = True
+        labels = np.empty(block.shape, np.int32)
+        ndimage.label(block, np.ones((3, 3, 3), int), output=labels)
+        return labels[tuple(index.T)]
+    # Centres of neighbours across a corner are the root of 3 apart, those of the next voxels 2.
+    pairs = KDTree(index).query_pairs(1.9, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs), bool), tuple(pairs.T)), shape=(len(index), len(index)))
+    return connected_components(graph, directed=False)[1]
 
 
 def weigh_pieces(a: PreparedMap, b: PreparedMap, leaders: Leaders, settings: VerdictConfig) -> Leaders:
