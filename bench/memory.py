@@ -21,7 +21,7 @@ from pathlib import Path
 
 import voxjax as vx
 from bench.timing import setting
-from voxjax.pipeline.memory_need import MapSize, register_memory
+from voxjax.pipeline.memory_need import content_size, register_memory
 from voxjax.synthetic import simulate_team
 
 _CALLS = 3
@@ -43,9 +43,9 @@ def measure(path_a: str, path_b: str) -> dict:
     """Read, register and fuse two maps, and note the peak after each step [MB]."""
     grids = vx.read_map(path_a), vx.read_map(path_b)
     size = grids[0].voxel_size
-    sizes = [MapSize(grid.shape, grid.num_occupied, size) for grid in grids]
+    sizes = [content_size(grid) for grid in grids]
     row: dict = {
-        "million voxels": sum(grid.states.size for grid in grids) / 1e6,
+        "million voxels": sum(grid.num_voxels for grid in grids) / 1e6,
         "thousand occupied": sum(grid.num_occupied for grid in grids) / 1e3,
         "estimate": register_memory(sizes, size) / 1e6,
         "read": peak_megabytes(),
@@ -56,7 +56,7 @@ def measure(path_a: str, path_b: str) -> dict:
     fused = vx.fuse(grids, [[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], found.T_a_b])
     return row | {
         "fuse": peak_megabytes(),
-        "fused": fused.states.size / 1e6,
+        "fused": fused.num_voxels / 1e6,
         "verdict": found.verdict,
         "rounds": found.stats["num_rounds"],
     }

@@ -5,8 +5,9 @@ import pytest
 
 import voxjax as vx
 from voxjax import InputError, VoxelGrid
+from voxjax.ops.blocks.block_array import BlockBuilder
 from voxjax.pipeline import many, memory_need, pair
-from voxjax.pipeline.memory_need import MapSize, check_register_memory, register_memory
+from voxjax.pipeline.memory_need import MapSize, check_register_memory, content_size, register_memory
 
 FIXED = register_memory([], 0.1)
 
@@ -24,7 +25,7 @@ def _allow(monkeypatch, bytes_):
 
 
 def _need(*grids, voxel_size=0.1):
-    return register_memory([MapSize(g.shape, g.num_occupied, g.voxel_size) for g in grids], voxel_size)
+    return register_memory([content_size(grid) for grid in grids], voxel_size)
 
 
 def test_what_fits_is_let_through_and_what_does_not_is_refused(monkeypatch):
@@ -117,15 +118,16 @@ def test_more_voxels_than_32_bits_count_are_refused_before_the_work(ask):
     states = np.zeros((60, 60, 60), np.uint8)
     states[:3, :3, :3] = states[-3:, -3:, -3:] = 2
     grid = VoxelGrid(states, np.zeros(3, np.float32), 0.1)
+    # Of 1500 x 1500 x 1500 voxels nothing is said, for only their blocks near surfaces are counted.
     with pytest.raises(
-        InputError, match=r"a map at 0\.004 m must have at most 2,147 million voxels .* got 3,38"
+        InputError, match=r"a map at 0\.0009 m must have at most .* million occupied voxels .* got 74 million"
     ):
-        ask(grid, grid, config={"map": {"voxel_size": 0.004}})
+        ask(grid, grid, config={"map": {"voxel_size": 0.0009}})
 
 
 def test_the_paper_s_method_is_bound_by_32_bits_too(monkeypatch):
     monkeypatch.setattr(memory_need, "MAX_ROWS", 1000)
-    monkeypatch.setattr(memory_need, "check_cells", lambda *counts: pytest.fail(str(counts)))
+    monkeypatch.setattr(memory_need, "check_pool", lambda *counts: pytest.fail(str(counts)))
     with pytest.raises(pytest.fail.Exception, match=r"a map at 0\.2 m"):
         vx.register(_grid((21, 22, 23)), _grid((20, 20, 20), voxel_size=0.2), preset="paper")
 
@@ -135,3 +137,32 @@ def test_an_extent_beyond_2_to_the_28_voxels_is_no_reason_to_refuse(monkeypatch)
     monkeypatch.setattr(memory_need, "memory_limit", lambda: None)
     grid = _grid((46, 84, 8), voxel_size=10.0)
     check_register_memory([grid, grid], 0.5)
+
+
+def _sparse(shape, pieces):
+    """A map in blocks: pieces of a floor with free space above, each in a few blocks from a corner on."""
+    builder = BlockBuilder(shape, np.uint8)
+    piece = np.ones((1, 8, 8, 8), np.uint8)
+    piece[..., 0] = 2
+    for corner in pieces:
+        places = np.argwhere(np.ones((6, 6, 1), bool)) + corner
+        builder.add(places, np.broadcast_to(piece, (len(places), 8, 8, 8)))
+    return VoxelGrid(builder.finish(), np.zeros(3), 0.1)
+
+
+def test_what_is_in_the_box_counts_and_not_the_box(monkeypatch):
+    # 3.1e9 voxels, of which pieces of 50 voxels are known, the farthest of them in the last corner.
+    corners = [(10 * k, 13 * k, k) for k in range(30)]
+    wide = _sparse((2700, 3400, 340), [*corners, (330, 418, 41)])
+    wide_need = register_memory([content_size(wide)], 0.1) - FIXED
+    # Beside the table and the one dense tile that is worked on, memory follows the pieces and the blocks around them.
+    fixed = 8 * (338 * 426 * 43) + 4.5 * (1 << 24)
+    of_piece = 4096 * 8 * 8 * 3 + 160 * 48 * 48
+    assert wide_need - fixed < 31 * of_piece
+    box = MapSize(wide.shape, wide.num_occupied, 0.1)
+    assert wide_need < 0.02 * (register_memory([box], 0.1) - FIXED)
+    _allow(monkeypatch, FIXED + 2.5 * wide_need)
+    check_register_memory([wide, wide], 0.1)
+    _allow(monkeypatch, FIXED + 0.9 * wide_need)
+    with pytest.raises(InputError, match=r"registering maps of together .* million voxels of 0\.1 m needs"):
+        check_register_memory([wide, wide], 0.1)
