@@ -1,5 +1,7 @@
 """Maps kept in blocks, and tiles so small that their borders cross the surfaces of small maps."""
 
+import tracemalloc
+
 import numpy as np
 
 import small_worlds
@@ -24,6 +26,15 @@ def ways(grid, monkeypatch, *, most=1 << 18):
 def turned_map():
     """A building of about a million voxels that lies across the axes."""
     return small_worlds.draw_map(small_worlds.pose(yaw=33.0, tilt=12.0), voxel_size=0.1)
+
+
+def peak_of(function):
+    """What a function gives, and the memory that NumPy and Python took for it at most [byte]."""
+    tracemalloc.start()
+    try:
+        return function(), tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
 
 
 def far_apart(grid, shape=(4096, 4096, 256)):

@@ -1,8 +1,11 @@
+import jax
 import numpy as np
 import pytest
 
+from block_maps import far_apart, peak_of, ways
 from corner_rooms import SIZE, TURNS, room_grid
 from oracles import box_room
+from small_worlds import draw_map, pose
 from voxjax import VoxelGrid
 from voxjax._checks import InputError
 from voxjax.features.corners import detect_corners
@@ -103,3 +106,28 @@ def test_unknown_preset_and_reach_are_refused():
     grid = VoxelGrid(np.zeros((3, 3, 3), np.uint8), np.zeros(3), SIZE)
     with pytest.raises(InputError, match="virtual_reach"):
         detect_corners(grid, virtual_reach=0.0)
+
+
+def test_corners_are_the_same_in_blocks_and_in_tiles(monkeypatch):
+    maps = ways(draw_map(pose(yaw=33.0, tilt=12.0)), monkeypatch, most=1 << 17)
+    # Dense in one tile, and in blocks in several.
+    found = [detect_corners(each, virtual=True) for number, each in enumerate(maps) if number in (0, 3)]
+    assert found[0].num_listed > 20
+    for one, two in zip(*map(jax.tree.leaves, found), strict=True):
+        np.testing.assert_array_equal(one, two)
+
+
+def test_corners_of_two_maps_far_apart_take_memory_for_these_and_not_for_the_box(monkeypatch):
+    room = draw_map(pose(yaw=33.0, tilt=12.0))
+    grid = far_apart(room)
+    alone = detect_corners(room).num_listed
+    # An estimate by the box would refuse the map.
+    monkeypatch.setenv("VOXJAX_MEMORY", "0.1")
+    found, peak = peak_of(lambda: detect_corners(grid).trimmed())
+    is_far = found.position[:, 0] > 300.0
+    assert alone > 5
+    assert np.count_nonzero(is_far) == pytest.approx(alone, abs=1)
+    assert np.count_nonzero(~is_far) == pytest.approx(alone, abs=1)
+    assert peak < 60e6 < grid.num_voxels / 50
+    with pytest.raises(InputError, match="finding corners"):
+        detect_corners(grid, preset="paper")

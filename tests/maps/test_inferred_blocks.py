@@ -1,12 +1,10 @@
 """Free space inferred in blocks against that inferred in dense arrays."""
 
-import tracemalloc
-
 import numpy as np
 import pytest
 from tests.ops.blocks.boxes import random_boxes
 
-from block_maps import far_apart, in_blocks, turned_map
+from block_maps import far_apart, in_blocks, peak_of, turned_map
 from voxjax import VoxelGrid
 from voxjax.maps.inferred_blocks import infer_in_blocks
 from voxjax.maps.inferred_space import infer_free_space
@@ -45,9 +43,6 @@ def test_a_building_in_blocks_gets_the_free_space_of_the_dense_one():
 def test_memory_follows_what_is_there_and_not_the_box():
     room = stripped(turned_map())
     grid = far_apart(room)
-    tracemalloc.start()
-    found = infer_free_space(grid, reach=3.0)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
+    found, peak = peak_of(lambda: infer_free_space(grid, reach=3.0))
     assert found.num_free == 2 * infer_free_space(room, reach=3.0).num_free > 0
     assert peak < 100e6 < grid.num_voxels / 40

@@ -2,7 +2,7 @@ import jax
 import numpy as np
 import pytest
 
-from block_maps import turned_map, ways
+from block_maps import far_apart, peak_of, turned_map, ways
 from compilations import assert_compiles_nothing
 from device_path import device_path
 from voxjax import InputError, VoxelGrid
@@ -155,3 +155,16 @@ def test_descriptors_are_the_same_in_blocks_and_in_tiles(use_free_space, monkeyp
         assert other.side == first.side
         for one, two in zip(jax.tree.leaves(first), jax.tree.leaves(other), strict=True):
             np.testing.assert_array_equal(one, two)
+
+
+@pytest.mark.parametrize("use_free_space", [True, False])
+def test_two_maps_far_apart_are_described_in_memory_for_these_and_not_for_the_box(use_free_space):
+    room = turned_map()
+    grid = far_apart(room)
+    found, peak = peak_of(lambda: describe_map(grid, use_free_space=use_free_space))
+    alone = describe_map(room, use_free_space=use_free_space)
+    # Cells of the working lattice begin elsewhere in either, so that they are only about as many.
+    for level, other in zip(found.levels, alone.levels, strict=True):
+        assert len(level.points) == pytest.approx(2 * len(other.points), rel=0.05)
+        assert np.ptp(np.asarray(level.points), axis=0)[0] > 300.0
+    assert peak < 60e6 < grid.num_voxels / 50

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.ops.blocks.boxes import random_boxes
 
-from block_maps import turned_map, ways
+from block_maps import far_apart, peak_of, turned_map, ways
 from voxjax import VoxelGrid
 from voxjax.planes.surface import find_surface, neighbour_pairs
 
@@ -34,3 +34,18 @@ def test_the_surface_is_the_same_in_blocks_and_in_tiles(kind, monkeypatch):
     for other in others:
         for field in dataclasses.fields(first):
             np.testing.assert_array_equal(getattr(first, field.name), getattr(other, field.name))
+
+
+def test_the_surface_of_two_maps_far_apart_takes_memory_for_these_and_not_for_the_box():
+    room = turned_map()
+    grid = far_apart(room)
+    expected, (found, peak) = find_surface(room), peak_of(lambda: find_surface(grid))
+    # The rows of the two are the same, one after the other among the fronts and among the backs.
+    is_far = found.index[:, 0] >= 2048
+    away = found.index[is_far] - expected.index
+    np.testing.assert_array_equal(away, np.broadcast_to(away[0], away.shape))
+    for part in (is_far, ~is_far):
+        np.testing.assert_array_equal(found.normal[part], expected.normal)
+        np.testing.assert_array_equal(found.is_signed[part], expected.is_signed)
+    assert len(found.pairs) == 2 * len(expected.pairs)
+    assert peak < 60e6 < grid.num_voxels / 50

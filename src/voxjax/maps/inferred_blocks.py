@@ -1,7 +1,7 @@
 """Inferred free space of maps that are kept in blocks: tile by tile, and nothing where no surface is within reach."""
 
 import numpy as np
-from jaxtyping import Bool, UInt8
+from jaxtyping import Bool, Int32, UInt8
 
 from .._types import FREE, OCCUPIED
 from ..ops.blocks.block_array import BlockArray, BlockBuilder
@@ -36,13 +36,17 @@ def infer_in_blocks(
     # Whole blocks, so that the windows of neighbouring tiles have the same cells.
     halo = BLOCK * -(-int(reach) // _CELLS)
     for tile in cut_tiles(states.shape, halo=halo, most=most):
-        here = _blocks(tile.low, tile.high)
-        rows = table[_blocks(tile.outer_low, tile.outer_high)]
+        here, around = _blocks(tile.low, tile.high), table[_blocks(tile.outer_low, tile.outer_high)]
         is_new, first = np.zeros(table[here].shape, bool), [cut.start for cut in here]
-        if holds_any[rows].any():
-            enclosed = _enclosed(cells[rows], tile, reach=reach, min_directions=min_directions)
-            is_new = enclosed.any(axis=(3, 4, 5))
-            _add_freed(builder, np.argwhere(is_new) + first, pool, table[here][is_new], enclosed[is_new])
+        if holds_any[around].any():
+            enclosed = _enclosed(cells, around, holds_any[around], tile, reach, min_directions)
+            # The cells of a block along z are four bytes, which are looked at as one number.
+            columns = enclosed.view(np.uint32)
+            a, b, c = (n // k for n, k in zip(columns.shape, (_CELLS, _CELLS, 1), strict=True))
+            is_new = columns.reshape(a, _CELLS, b, _CELLS, c).max(axis=(1, 3)) != 0
+            _add_freed(
+                builder, np.argwhere(is_new) + first, pool, table[here][is_new], _by_blocks(enclosed)[is_new]
+            )
         copy_blocks(builder, states, np.argwhere(~is_new & (table[here] != 0)) + first)
     return builder.finish()
 
@@ -54,30 +58,39 @@ def _blocks(low: np.ndarray, high: np.ndarray) -> tuple[slice, slice, slice]:
 
 
 def _enclosed(
-    cells: Bool[np.ndarray, "a b c 4 4 4"], tile: Tile, *, reach: float, min_directions: int
-) -> Bool[np.ndarray, "a2 b2 c2 4 4 4"]:
+    cells: Bool[np.ndarray, "n 4 4 4"],
+    rows: Int32[np.ndarray, "a b c"],
+    holds_any: Bool[np.ndarray, "a b c"],
+    tile: Tile,
+    reach: float,
+    min_directions: int,
+) -> Bool[np.ndarray, "x y z"]:
     """Enclosed cells of the blocks of a tile.
 
     Args:
-        cells: Occupied cells of the blocks of its wider window.
+        cells: Occupied cells of the blocks of the pool.
+        rows: Blocks of the wider window of the tile, as rows of the pool.
+        holds_any: Which of them hold an occupied cell.
         tile: The tile.
         reach: Length of the rays [cell].
         min_directions: In how many directions something must be met.
+
+    Returns:
+        The cells of the tile, whole blocks of them; those beyond the box mean nothing.
     """
-    a, b, c = cells.shape[:3]
-    occupied = cells.transpose(0, 3, 1, 4, 2, 5).reshape(_CELLS * a, _CELLS * b, _CELLS * c)
-    # Beyond the box there is no cell that a ray could end in, or that could be free.
-    size = -(-(tile.outer_high - tile.outer_low) // CELL)
-    x, y, z = (
-        slice(int(s) // CELL, -(-int(e) // CELL))
-        for s, e in zip(tile.low - tile.outer_low, tile.high - tile.outer_low, strict=True)
-    )
-    found = is_enclosed(
-        occupied[tuple(map(slice, size))], reach=reach, min_directions=min_directions, columns=(x, y)
-    )[x, y, z]
-    found = np.pad(found, [(0, -n % _CELLS) for n in found.shape])
-    a, b, c = (n // _CELLS for n in found.shape)
-    return found.reshape(a, _CELLS, b, _CELLS, c, _CELLS).transpose(0, 2, 4, 1, 3, 5)
+    a, b, c = rows.shape
+    occupied = np.zeros((_CELLS * a, _CELLS * b, _CELLS * c), bool)
+    _by_blocks(occupied)[holds_any] = cells[rows[holds_any]]
+    # Whole blocks, also where the box ends within one: no ray is stopped by what lies beyond it.
+    inner = _blocks(tile.low - tile.outer_low, tile.high - tile.outer_low)
+    x, y, z = (slice(_CELLS * cut.start, _CELLS * cut.stop) for cut in inner)
+    return is_enclosed(occupied, reach=reach, min_directions=min_directions, columns=(x, y))[x, y, z]
+
+
+def _by_blocks(cells: Bool[np.ndarray, "x y z"]) -> Bool[np.ndarray, "a b c 4 4 4"]:
+    """A view of cells, block by block."""
+    a, b, c = (n // _CELLS for n in cells.shape)
+    return cells.reshape(a, _CELLS, b, _CELLS, c, _CELLS).transpose(0, 2, 4, 1, 3, 5)
 
 
 def _add_freed(
