@@ -231,3 +231,9 @@ def test_misuse_is_refused_in_one_sentence(monkeypatch):
     monkeypatch.setenv("VOXJAX_MEMORY", "0.1")
     with pytest.raises(InputError, match="a soft fused map of 6 x 5 x 4 voxels needs about"):
         soft([grid], [I], grid)
+
+
+def test_maps_in_blocks_fuse_as_dense_ones():
+    grids = [make_grid(1, (17, 9, 12)), make_grid(2, (12, 20, 7), with_log_odds=False)]
+    sparse = [VoxelGrid(g.state_blocks(), g.origin, SIZE, g.log_odds_blocks()) for g in grids]
+    assert soft(sparse, [I, pose()]) == soft(grids, [I, pose()])
