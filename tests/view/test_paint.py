@@ -1,11 +1,20 @@
 """The voxel painter: what is near hides what is far, sizes, ceilings."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
-from voxjax.view.paint import _cube_stamp, ceiling_cut, paint_isometric, paint_top
+from voxjax.view.columns import top_columns
+from voxjax.view.paint import _cube_stamp, ceiling_cut, ceiling_height, paint_isometric, paint_top
 
 RED, BLUE = (255, 0, 0), (0, 0, 255)
+
+
+def _from_above(occupied, free, color, **size):
+    index = np.argwhere(occupied)
+    columns = top_columns(index, np.broadcast_to(np.asarray(color, np.uint8), index.shape))
+    return paint_top(columns, free.any(axis=2), np.zeros(2, np.int64), **size)
 
 
 def _has_color(picture, channel):
@@ -61,7 +70,7 @@ def test_pictures_have_the_size_asked_for_and_show_something(shape):
     color = np.full((states.sum(dtype=np.int64), 3), 80, np.uint8)
     for picture in (
         paint_isometric(np.argwhere(states), color, width=130, height=90),
-        paint_top(states, ~states, np.full((*shape[:2], 3), 80, np.uint8), width=130, height=90),
+        _from_above(states, ~states, 80, width=130, height=90),
     ):
         assert picture.shape == (90, 130, 3)
         assert (picture < 200).any()
@@ -71,14 +80,13 @@ def test_empty_maps_are_blank():
     nothing = np.zeros((4, 4, 4), bool)
     blank = paint_isometric(np.zeros((0, 3), np.int64), np.zeros((0, 3), np.uint8), width=30, height=20)
     assert (blank == 255).all()
-    assert (paint_top(nothing, nothing, np.zeros((4, 4, 3), np.uint8), width=30, height=20) == 255).all()
+    assert (_from_above(nothing, nothing, 0, width=30, height=20) == 255).all()
 
 
 def test_the_view_from_above_has_y_up_and_x_to_the_right():
     occupied = np.zeros((20, 20, 3), bool)
     occupied[19, :, 0] = occupied[:, 19, 0] = True
-    color = np.zeros((20, 20, 3), np.uint8)
-    picture = paint_top(occupied, np.ones_like(occupied), color, width=100, height=100)
+    picture = _from_above(occupied, np.ones_like(occupied), 0, width=100, height=100)
     assert picture[2, 50].max() < 60  # y = 19 lies at the top
     assert picture[50, 97].max() < 60  # x = 19 lies at the right
     assert picture[97, 2].min() > 200
@@ -87,8 +95,29 @@ def test_the_view_from_above_has_y_up_and_x_to_the_right():
 def test_a_ceiling_is_cut_and_an_open_terrain_is_not():
     room = np.zeros((30, 30, 20), bool)
     room[:, :, [0, 19]] = room[[0, 29]] = room[:, [0, 29]] = True
-    assert ceiling_cut(room) == 14
+    assert ceiling_cut(room) == ceiling_height(np.argwhere(room), 20) == 14
     terrain = np.zeros((30, 30, 20), bool)
     terrain[:, :, 0] = terrain[15, 15, :] = True
     assert ceiling_cut(terrain) == 20
     assert ceiling_cut(np.zeros((3, 3, 3), bool)) == 3
+
+
+def test_a_map_from_above_is_painted_some_rows_at_a_time(monkeypatch):
+    rng = np.random.default_rng(0)
+    occupied, free = rng.random((2, 500, 150, 2)) < 0.3
+    whole = _from_above(occupied, free, (200, 90, 40), width=70, height=60)
+    # Strips are as low as whole rows of the smaller picture allow.
+    monkeypatch.setattr("voxjax.view.paint.CELLS_AT_ONCE", 1)
+    np.testing.assert_array_equal(_from_above(occupied, free, (200, 90, 40), width=70, height=60), whole)
+
+
+def test_voxels_are_made_larger_where_a_picture_would_be_too_large():
+    corners = np.array([[0, 0, 0], [9000, 0, 0], [0, 9000, 0], [9000, 9000, 3]])
+    index = np.concatenate([corners, np.argwhere(np.ones((400, 400, 1))) + [4300, 4300, 0]])
+    color = np.full((len(index), 3), 60, np.uint8)
+    tracemalloc.start()
+    picture = paint_isometric(index, color, width=400, height=300)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert (picture[140:160, 190:210] < 200).any()
+    assert peak < 500_000_000

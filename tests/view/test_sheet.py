@@ -1,11 +1,14 @@
 """Sheets: who saw what, colours, and pictures of maps that are odd."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
 from oracles.motions import turned
 from voxjax import VoxelGrid
+from voxjax.ops.blocks.voxel_list import blocks_with
 from voxjax.view import draw_grid, draw_maps, draw_merge, encode_png, grid_png
 from voxjax.view.colors import SHARED_COLOR, map_color
 from voxjax.view.sheet import seen_by, share_colors
@@ -108,3 +111,25 @@ def test_strays_far_away_change_the_titles_alone():
         # Of a title's height, and one title for each panel.
         assert differs.any()
         assert np.count_nonzero(differs.any(axis=1)) < 40
+
+
+def test_a_map_in_blocks_is_drawn_as_the_dense_one():
+    grid = _random_grid(7, (40, 31, 20))
+    blocks = VoxelGrid(grid.state_blocks(), grid.origin, grid.voxel_size)
+    np.testing.assert_array_equal(draw_maps([blocks]), draw_maps([grid]))
+    poses = [np.eye(4), turned("z", 30, (1.0, 0.5, 0.0), degrees=True)]
+    expected = draw_merge([grid, grid], poses, grid)
+    np.testing.assert_array_equal(draw_merge([blocks, blocks], poses, blocks), expected)
+
+
+def test_a_wide_map_is_drawn_by_what_it_holds():
+    rng = np.random.default_rng(0)
+    ground = np.unique(rng.integers(0, (3000, 3000, 2), (30_000, 3)), axis=0)
+    grid = VoxelGrid(blocks_with(ground, np.uint8(2), (3000, 3000, 400)), np.zeros(3), 0.1)
+    tracemalloc.start()
+    sheet = draw_maps([grid], width=300)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert (sheet < 200).any()
+    # The box has 3.6 billion voxels.
+    assert peak < 600_000_000

@@ -18,7 +18,7 @@ def run(args: argparse.Namespace) -> int:
     warn_of_remarks(maps, args.maps)
     grids = [loaded.grid for loaded in maps]
     for path, grid in zip(args.maps, grids, strict=True):
-        if not grid.states.size:
+        if not grid.num_voxels:
             raise InputError(f"{path} has no voxels, so there is nothing to draw; leave it out.")
     names = [Path(path).name for path in args.maps]
     picture = encode_png(draw_maps(grids, names=names, cut_ceiling=not args.keep_ceiling))

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._checks import InputError
-from .._types import OCCUPIED, Array
+from .._types import Array
 from .colors import tint_by_height
-from .paint import ceiling_cut
+from .paint import ceiling_height
 from .sheet import seen_by, share_colors
 
 if TYPE_CHECKING:
@@ -47,10 +47,9 @@ def page_html(grids: Sequence[VoxelGrid], poses: Sequence[Array | None], fused: 
     check_page_support()
     import viser
 
-    is_occupied = np.asarray(fused.states) == OCCUPIED
     index = fused.occupied_index()
     # From above, where the camera starts, a ceiling would hide all rooms.
-    is_shown = index[:, 2] < ceiling_cut(is_occupied)
+    is_shown = index[:, 2] < ceiling_height(index, fused.shape[2])
     points = fused.occupied_points()[is_shown]
     colors = share_colors(seen_by(grids, poses, fused))[is_shown]
     colors = tint_by_height(colors, index[is_shown, 2].astype(np.float64))

@@ -3,28 +3,52 @@
 Both draw larger than asked by a whole factor and average down, which smooths the edges.
 """
 
+import itertools
+import math
+
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from .._runtime.memory import check_memory
 from .colors import BACKGROUND, FREE_TINT
+from .columns import Columns
+
+MOST_PIXELS = 24_000_000
+"""Pixels of a picture before it is made smaller."""
+
+CELLS_AT_ONCE = 1 << 21
+"""Of a view from above, pixels that are painted before they are made smaller."""
 
 
 def ceiling_cut(is_occupied: Bool[np.ndarray, "x y z"], *, share: float = 0.7) -> int:
+    """`ceiling_height` of a dense array of what is occupied."""
+    return ceiling_height(np.argwhere(is_occupied), is_occupied.shape[2], share=share)
+
+
+def ceiling_height(index: Int[np.ndarray, "n 3"], num_layers: int, *, share: float = 0.7) -> int:
     """Height [voxel] above which a closed building is cut open; the number of layers if it has no ceiling.
 
     A map is closed when more than a third of its occupied columns hold something above `share` of its height.
+
+    Args:
+        index: The occupied voxels, in lexicographic order.
+        num_layers: Number of voxels along z.
+        share: As above.
     """
-    layers = is_occupied.sum(axis=(0, 1), dtype=np.int64)
-    if not layers.any():
-        return is_occupied.shape[2]
-    filled = np.flatnonzero(layers >= 0.002 * layers.sum(dtype=np.int64))  # single stray voxels do not count
-    low, high = (int(filled[0]), int(filled[-1]) + 1) if filled.size else (0, is_occupied.shape[2])
+    if not len(index):
+        return num_layers
+    layers = np.bincount(index[:, 2], minlength=num_layers)
+    filled = np.flatnonzero(layers >= 0.002 * len(index))  # single stray voxels do not count
+    low, high = (int(filled[0]), int(filled[-1]) + 1) if filled.size else (0, num_layers)
     cut = low + max(round(share * (high - low)), 1)
-    has_ceiling = is_occupied[:, :, cut:high].any(axis=2)
-    is_column = is_occupied.any(axis=2)
-    is_closed = np.count_nonzero(has_ceiling) > np.count_nonzero(is_column) / 3
-    return cut if is_closed else is_occupied.shape[2]
+    is_high = (index[:, 2] >= cut) & (index[:, 2] < high)
+    is_closed = _num_columns(index[is_high]) > _num_columns(index) / 3
+    return cut if is_closed else num_layers
+
+
+def _num_columns(index: Int[np.ndarray, "n 3"]) -> int:
+    """How many columns hold voxels that are given in lexicographic order."""
+    return int(np.count_nonzero((np.diff(index[:, :2], axis=0) != 0).any(axis=1))) + bool(len(index))
 
 
 def paint_isometric(
@@ -40,6 +64,7 @@ def paint_isometric(
     """
     if not len(index):
         return np.full((height, width, 3), BACKGROUND, np.uint8)
+    index, color = _bearable(index, color)
     # Two axes run down to either side by half as much as across, and height runs up: whole steps, so that cubes
     # tile.
     across, down = index[:, 1] - index[:, 0], index[:, 0] + index[:, 1] - 2 * index[:, 2]
@@ -71,44 +96,81 @@ def paint_isometric(
     return _centred(_shrink(picture, factor), width, height)
 
 
+def _bearable(
+    index: Int[np.ndarray, "n 3"], color: UInt8[np.ndarray, "n 3"]
+) -> tuple[Int[np.ndarray, "m 3"], UInt8[np.ndarray, "m 3"]]:
+    """Larger voxels, where a picture of the given ones would have more pixels than are drawn before it is shrunk."""
+
+    def num_pixels(factor: int) -> int:
+        x, y, z = (np.ptp(index, axis=0).astype(np.int64) // factor + 1).tolist()
+        return 2 * (x + y) * (x + y + 2 * z)
+
+    if num_pixels(1) <= MOST_PIXELS:
+        return index, color
+    # Where voxels become larger anyway, a quarter of the pixels is still more than the picture shows.
+    factor = next(factor for factor in itertools.count(2) if 4 * num_pixels(factor) <= MOST_PIXELS)
+    # Of the voxels that become one, the nearest to the eye is seen.
+    order = np.argsort(index.sum(axis=1, dtype=np.int64), kind="stable")[::-1]
+    cell = index[order] // factor - index.min(axis=0) // factor
+    flat = np.ravel_multi_index(tuple(cell.T), tuple(cell.max(axis=0) + 1))
+    _, first = np.unique(flat, return_index=True)
+    return cell[first], color[order[first]]
+
+
 def paint_top(
-    is_occupied: Bool[np.ndarray, "x y z"],
-    is_free: Bool[np.ndarray, "x y z"],
-    color: UInt8[np.ndarray, "x y 3"],
+    columns: Columns,
+    is_free: Bool[np.ndarray, "x y"],
+    low: Int[np.ndarray, "2"],
     *,
     width: int,
     height: int,
-    border: int = 5,
 ) -> UInt8[np.ndarray, "height width 3"]:
     """Draw a map from above, x to the right and y up: the topmost occupied voxel of each column.
 
     Columns with free voxels only get a light tint, unknown ones stay white.
 
     Args:
-        is_occupied: Whether a voxel is drawn; a ceiling hides the rooms unless it was cut off before.
-        is_free: Whether a voxel is free.
-        color: The colour of each column where something is occupied.
+        columns: What is occupied; a ceiling hides the rooms unless it was cut off before.
+        is_free: Which columns of the window that is drawn hold a free voxel.
+        low: Lowest x and y of this window [voxel].
         width: Width of the picture [pixel].
         height: Height of the picture [pixel].
-        border: Free space shown around what is occupied [voxel].
     """
-    has_wall = is_occupied.any(axis=2)
-    top = is_occupied.shape[2] - 1 - np.argmax(is_occupied[:, :, ::-1], axis=2)
-    top = np.where(has_wall, top, 0).astype(np.float64)
-    picture = np.full((*has_wall.shape, 3), 255.0, np.float32)
-    picture[is_free.any(axis=2)] = FREE_TINT
-    light = np.clip(0.94 + 0.05 * (np.roll(top, 1, axis=0) - top) * -1.0, 0.72, 1.08)
-    picture[has_wall] = np.clip(color[has_wall] * light[has_wall][:, None], 0, 255)
-    # Rays that left the house through a window reach far: what is occupied decides what is shown.
-    known = np.argwhere(has_wall if has_wall.any() else is_free.any(axis=2))
-    if not len(known):
+    if not is_free.size:
         return np.full((height, width, 3), BACKGROUND, np.uint8)
-    # Slices end at the border of the picture by themselves, but begin from its end below 0.
-    low, high = np.maximum(known.min(axis=0) - border, 0), known.max(axis=0) + 1 + border
-    picture = picture[low[0] : high[0], low[1] : high[1]].transpose(1, 0, 2)[::-1]
-    zoom, factor = _best_scale((float(picture.shape[1]), float(picture.shape[0])), width, height)
-    picture = picture.repeat(zoom, axis=0).repeat(zoom, axis=1)
-    return _centred(_shrink(picture, factor), width, height)
+    across, down = is_free.shape
+    zoom, factor = _best_scale((float(across), float(down)), width, height)
+    # Some rows at a time, which become whole rows of the smaller picture.
+    least = factor // math.gcd(zoom, factor)
+    step = least * max(CELLS_AT_ONCE // (across * zoom * zoom * least), 1)
+    x, from_top = columns.place[:, 0] - low[0], down - 1 - (columns.place[:, 1] - low[1])
+    order = np.argsort(from_top, kind="stable")
+    starts = range(0, down, step)
+    ends = np.searchsorted(from_top[order], [*starts, down])
+    strips = []
+    for start, begin, end in zip(starts, ends, ends[1:], strict=False):
+        rows = order[begin:end]
+        place = from_top[rows] - start, x[rows]
+        tint = is_free[:, ::-1][:, start : start + step].T
+        strip = _from_above(place, columns.top[rows], columns.color[rows], tint)
+        strips.append(_shrink(strip.repeat(zoom, axis=0).repeat(zoom, axis=1), factor))
+    return _centred(np.concatenate(strips), width, height)
+
+
+def _from_above(
+    place: tuple[np.ndarray, np.ndarray],
+    height: Int[np.ndarray, " n"],
+    color: UInt8[np.ndarray, "n 3"],
+    is_free: Bool[np.ndarray, "h w"],
+) -> Float[np.ndarray, "h w 3"]:
+    """Some rows of a map from above: colours lightened where the column on the left is lower, darkened where higher."""
+    top = np.zeros(is_free.shape)
+    top[place] = height
+    picture = np.full((*is_free.shape, 3), 255.0, np.float32)
+    picture[is_free] = FREE_TINT
+    light = np.clip(0.94 + 0.05 * (np.roll(top, 1, axis=1)[place] - top[place]) * -1.0, 0.72, 1.08)
+    picture[place] = np.clip(color * light[:, None], 0, 255)
+    return picture
 
 
 def _best_scale(spans: tuple[float, float], width: int, height: int) -> tuple[int, int]:
@@ -119,11 +181,11 @@ def _best_scale(spans: tuple[float, float], width: int, height: int) -> tuple[in
         width: Width of the picture [pixel].
         height: Height of the picture [pixel].
     """
-    most_pixels, most_shrink, most_enlarge = 24_000_000, 32, 16
+    most_shrink, most_enlarge = 32, 16
     best = (1, most_shrink)
     for shrink in range(2, most_shrink + 1):
         enlarge = min(int(min(width * shrink / spans[0], height * shrink / spans[1])), most_enlarge)
-        is_small = spans[0] * spans[1] * enlarge * enlarge <= most_pixels
+        is_small = spans[0] * spans[1] * enlarge * enlarge <= MOST_PIXELS
         if enlarge >= 1 and is_small and enlarge * best[1] > best[0] * shrink:
             best = (enlarge, shrink)
         if best[0] >= 5 or (shrink >= 4 and best[1] < most_shrink):

@@ -6,14 +6,15 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
 from .._runtime.memory import check_memory
-from .._types import FREE, OCCUPIED, Array
+from .._types import OCCUPIED, Array
 from ..frames import image
 from ..maps.main_part import main_part
 from .colors import SHARED_COLOR, color_by_height, map_color, tint_by_height
-from .paint import ceiling_cut, paint_isometric, paint_top
+from .columns import Columns, free_columns, top_columns
+from .paint import ceiling_height, paint_isometric, paint_top
 from .panels import Image, framed, legend, rows, stack, titled, trimmed
 from .png import encode_png
 
@@ -43,12 +44,31 @@ def draw_grid(
     Raises:
         InputError: If there is not enough memory.
     """
-    states = np.asarray(grid.states)
-    _check_memory(grid)
-    is_occupied = states == OCCUPIED
-    index = grid.occupied_index()
+    return _drawn(
+        grid,
+        grid.occupied_index(),
+        width=width,
+        height=height,
+        color=color,
+        view=view,
+        cut_ceiling=cut_ceiling,
+    )
+
+
+def _drawn(
+    grid: VoxelGrid,
+    index: Int[np.ndarray, "n 3"],
+    *,
+    width: int,
+    height: int,
+    color: tuple[int, int, int] | UInt8[np.ndarray, "n 3"] | None = None,
+    view: str = "isometric",
+    cut_ceiling: bool = True,
+) -> Image:
+    """`draw_grid` for a map whose `occupied_index` is known: large maps take seconds to list it."""
+    _check_memory(grid, len(index))
     heights = index[:, 2].astype(np.float64)
-    cut = ceiling_cut(is_occupied) if cut_ceiling else states.shape[2]
+    cut = ceiling_height(index, grid.shape[2]) if cut_ceiling else grid.shape[2]
     is_below = index[:, 2] < cut
     if color is None:
         shown = color_by_height(heights[is_below])
@@ -58,21 +78,33 @@ def draw_grid(
     index = index[is_below]
     if view == "isometric":
         return paint_isometric(index, shown, width=width, height=height)
-    column_color = np.full((*states.shape[:2], 3), 255, np.uint8)
-    rising = np.argsort(index[:, 2], kind="stable")
-    begins = np.flatnonzero(np.diff(index[rising, 2])) + 1
-    # Each layer overwrites those below it, so that a column ends up with the colour of its topmost voxel.
-    for layer in np.split(rising, begins):
-        column_color[index[layer, 0], index[layer, 1]] = shown[layer]
-    below = np.arange(states.shape[2]) < cut
-    return paint_top(is_occupied & below, (states == FREE) & below, column_color, width=width, height=height)
+    columns = top_columns(index, shown)
+    low, high = _shown_window(grid, columns)
+    return paint_top(columns, free_columns(grid, cut, low, high), low, width=width, height=height)
 
 
-def _check_memory(grid: VoxelGrid) -> None:
+def _shown_window(grid: VoxelGrid, columns: Columns, *, border: int = 5) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest x and y of what is drawn from above, and one past the highest, int64 (2,) each.
+
+    Args:
+        grid: The map.
+        columns: What of it is occupied.
+        border: Free space shown around it [voxel].
+    """
+    # Rays that left the house through a window reach far: what is occupied decides what is shown.
+    if len(columns.place):
+        low, high = columns.place.min(axis=0).astype(np.int64), columns.place.max(axis=0) + np.int64(1)
+    else:
+        low, high = (corner[:2] for corner in grid.known_box())
+        border = border if (low < high).all() else 0
+    return np.maximum(low - border, 0), np.minimum(high + border, grid.shape[:2])
+
+
+def _check_memory(grid: VoxelGrid, num_occupied: int) -> None:
     """Refuse a map for which the memory does not suffice: its file may have been a few bytes."""
-    num_voxels, columns = float(grid.states.size), float(grid.shape[0]) * grid.shape[1]
-    # Masks of what is occupied and free; places, colours and ranks of what is drawn; heights and colours from above.
-    need = 3.0 * num_voxels + 100.0 * grid.num_occupied + 40.0 * columns
+    columns = float(grid.shape[0]) * grid.shape[1]
+    # Places, colours and ranks of what is drawn; columns with something free, twice.
+    need = 120.0 * num_occupied + 2.0 * columns
     what = f"a picture of {' x '.join(map(str, grid.shape))} voxels"
     check_memory(need, what, "crop the map, or take a larger voxel size", on_device=False)
 
@@ -137,11 +169,12 @@ def draw_maps(
     for number, whole in enumerate(grids):
         # A stray far away would make everything else a dot.
         grid, num_isolated = main_part(whole)
+        index = grid.occupied_index()
         label = names[number] if names else f"map {number}"
-        title = f"{label}   {grid.num_occupied:,} occupied voxels{_not_drawn(num_isolated)}"
-        isometric = draw_grid(grid, width=across, height=across * 3 // 4, cut_ceiling=cut_ceiling)
-        from_above = draw_grid(
-            grid, width=across, height=across * 5 // 9, view="top", cut_ceiling=cut_ceiling
+        title = f"{label}   {len(index):,} occupied voxels{_not_drawn(num_isolated)}"
+        isometric = _drawn(grid, index, width=across, height=across * 3 // 4, cut_ceiling=cut_ceiling)
+        from_above = _drawn(
+            grid, index, width=across, height=across * 5 // 9, view="top", cut_ceiling=cut_ceiling
         )
         panels.append(stack([titled(isometric, title), from_above]))
     return framed(rows(panels, per_row=2))
@@ -218,14 +251,14 @@ def _maps_in_their_frames(
 
 def _fused_views(fused: VoxelGrid, colors: UInt8[np.ndarray, "n 3"], width: int, num_isolated: int) -> Image:
     """The fused map in isometric view and, beside it, from above."""
-    left, height = width // 2, width * 2 // 5
+    left, height, index = width // 2, width * 2 // 5, fused.occupied_index()
     isometric, from_above = trimmed(
         [
-            draw_grid(fused, width=left, height=height, color=colors),
-            draw_grid(fused, width=width - left, height=height, color=colors, view="top"),
+            _drawn(fused, index, width=left, height=height, color=colors),
+            _drawn(fused, index, width=width - left, height=height, color=colors, view="top"),
         ]
     )
-    title = f"fused: {fused.num_occupied:,} occupied voxels{_not_drawn(num_isolated)}"
+    title = f"fused: {len(index):,} occupied voxels{_not_drawn(num_isolated)}"
     return rows([titled(isometric, title), titled(from_above, "the same from above")], per_row=2)
 
 
@@ -241,12 +274,14 @@ def grid_png(grid: VoxelGrid, *, width: int = 640, height: int = 440) -> bytes:
 
 def _is_near_occupied(grid: VoxelGrid, points: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
     """Return whether the voxel of each point [m], or one of the 26 voxels around it, is occupied."""
-    padded = np.pad(np.asarray(grid.states) == OCCUPIED, 2)  # the outermost layer catches what lies outside
     cells = np.floor((points - np.asarray(grid.origin, np.float64)) / grid.voxel_size)
-    # Far places would not fit an integer: they are clipped as floats, to the border, where nothing is occupied.
-    cells = np.clip(cells + 2, 0, np.asarray(padded.shape) - 1).astype(np.int64)
+    # Far places would not fit an integer: they are clipped as floats, to where no voxel of the grid is near.
+    cells = np.clip(cells, -2, np.asarray(grid.shape) + 1).astype(np.int64)
     near = np.zeros(len(points), bool)
-    for step in np.ndindex(3, 3, 3):
-        x, y, z = np.clip(cells + np.asarray(step) - 1, 0, np.asarray(padded.shape) - 1).T
-        near |= padded[x, y, z]
+    # The voxel itself first, in which most points are done with.
+    for step in sorted(np.ndindex(3, 3, 3), key=lambda step: sum(abs(s - 1) for s in step)):
+        left = np.flatnonzero(~near)
+        there = cells[left] + (np.asarray(step) - 1)
+        is_inside = ((there >= 0) & (there < grid.shape)).all(axis=1)
+        near[left[is_inside]] = grid.states_at(there[is_inside]) == OCCUPIED
     return near
