@@ -5,6 +5,7 @@ import pytest
 
 from voxjax import InputError, VoxelGrid
 from voxjax.io.ply import decode_ply, encode_ply
+from voxjax.ops.blocks.voxel_list import blocks_with
 
 POINTS = np.array([[0.5, -1.25, 3.0], [2.0, 0.0, -7.5], [1e-3, 8.0, 9.0]])
 
@@ -143,3 +144,10 @@ def test_lines_of_other_blanks_are_no_vertices():
     np.testing.assert_array_equal(
         decode_ply(head + b"\x0b\n1 2 3\n\xa0\n4 5 6\n\x1c"), [[1, 2, 3], [4, 5, 6]]
     )
+
+
+def test_a_box_of_more_voxels_than_int32_counts_is_written_by_what_is_occupied():
+    index = np.array([[0, 0, 0], [3, 1, 2], [90_000, 40_000, 99]])
+    grid = VoxelGrid(blocks_with(index, np.uint8(2), (90_001, 40_001, 100)), [0.5, -1.0, 0.0], 0.5)
+    points = decode_ply(encode_ply(grid))
+    np.testing.assert_allclose(points, 0.5 * index + [0.75, -0.75, 0.25])

@@ -51,5 +51,5 @@ def _lines(entry: dict) -> list[str]:
     for name, count in entry["counts"].items():
         lines.append(f"{name:<9}{count:>14,}  {100 * entry['shares'][name]:5.1f} %")
     odds = "with log-odds" if entry["log_odds"] else "no log-odds"
-    lines.append(f"{entry['memory_bytes'] / 1e6:.1f} MB in memory, {odds}")
+    lines.append(f"{entry['memory_bytes'] / 1e6:.1f} MB as dense arrays, {odds}")
     return lines + [f"{remark['text']}." for remark in entry["remarks"]]

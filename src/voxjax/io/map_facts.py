@@ -39,7 +39,7 @@ class MapFacts(NamedTuple):
 
     @property
     def num_bytes(self) -> int:
-        """Memory of the dense grid [byte]."""
+        """Memory that dense arrays of the whole box would take [byte]."""
         return self.num_voxels * (5 if self.has_log_odds else 1)
 
 
