@@ -83,6 +83,15 @@ def test_three_maps_of_three_voxel_sizes_give_the_bits_of_the_dense_way(rule):
     assert_same(fused, dense)
 
 
+def test_more_maps_than_a_byte_has_bits_give_the_bits_of_the_dense_way():
+    """Which maps reach a block is kept as bits; here some reach none of those that others do."""
+    grids = [make_grid(seed, (12, 10, 9)) for seed in range(10)]
+    poses = [pose_of(translation=(0.35 * number, 0.1 * (number % 3), 0.0)) for number in range(10)]
+    fused = vx.fuse(grids, poses, rule="keep")
+    assert_same(fused, dense_fusion.fuse(grids, poses, rule="keep", voxel_size=SIZE))
+    assert fused.num_occupied > 100
+
+
 @pytest.mark.parametrize("number", range(24))
 def test_rotations_of_the_cube_give_the_bits_of_the_dense_way(number):
     a, b = make_grid(number), make_grid(number + 1, (18, 30, 22), sparse=True)
