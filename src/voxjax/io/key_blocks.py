@@ -69,7 +69,7 @@ def key_block_codes(array: BlockArray, low: np.ndarray) -> np.ndarray:
         array: The map.
         low: int64 (3,): key of its voxel (0, 0, 0).
     """
-    blocks = np.argwhere(np.asarray(array.table) != 0)
+    blocks = array.places()
     found = np.zeros(0, np.int64)
     # What reaches beyond the keys is unknown.
     most = (1 << 16) // BLOCK - 1

@@ -38,6 +38,12 @@ def test_voxels_of_a_value_are_counted_and_listed_in_lexicographic_order(dense):
         np.testing.assert_array_equal(blocks.where(value), np.argwhere(dense == value))
 
 
+def test_blocks_that_are_not_zero_are_listed(dense):
+    blocks = blocks_of(dense)
+    np.testing.assert_array_equal(blocks.places(), np.argwhere(np.asarray(blocks.table) != 0))
+    assert blocks.uses.tolist() == [np.count_nonzero(blocks.table == row) for row in range(len(blocks.pool))]
+
+
 def test_windows_are_those_of_the_dense_array_and_zero_beyond_it(dense):
     blocks, rng, margin = blocks_of(dense), np.random.default_rng(0), 80
     padded = np.pad(dense, margin)

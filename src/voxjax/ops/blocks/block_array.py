@@ -66,11 +66,26 @@ class BlockArray(eqx.Module):
     def uses(self) -> Int[np.ndarray, "n"]:
         """How many blocks of the box each row of the pool stands for."""
         flat, counts = np.asarray(self.table).reshape(-1), np.zeros(len(self.pool), np.int64)
-        # A part of the table at a time: it is brought to int64 for this.
+        # A part of the table at a time: it is brought to int64 for this. Most of a large one is 0.
         step = max(1 << 20, len(counts))
         for start in range(0, len(flat), step):
-            counts += np.bincount(flat[start : start + step], minlength=len(counts))
+            part = flat[start : start + step]
+            part = part[part != 0]
+            if len(part):
+                counts += np.bincount(part, minlength=len(counts))
+        counts[0] = len(flat) - counts.sum()
         return counts
+
+    def places(self) -> Int32[np.ndarray, "m 3"]:
+        """Places in the table of the blocks that are not all 0, in lexicographic order; made at each call."""
+        table = np.asarray(self.table)
+        flat, step = table.reshape(-1), 1 << 22
+        found = [(np.flatnonzero(flat[start : start + step]) + start) for start in range(0, len(flat), step)]
+        numbers = np.concatenate([np.zeros(0, np.int64), *(part for part in found if len(part))])
+        index = np.empty((len(numbers), 3), np.int32)
+        for axis, along in enumerate(np.unravel_index(numbers, table.shape) if len(numbers) else ()):
+            index[:, axis] = along
+        return index
 
     def __array__(self, dtype: np.typing.DTypeLike | None = None, copy: bool | None = None) -> np.ndarray:
         """The dense array, as NumPy asks for it."""
@@ -137,7 +152,14 @@ class BlockArray(eqx.Module):
 
     def count(self, value: object) -> int:
         """How many voxels of the box hold a value that is not 0."""
-        of_row = np.count_nonzero(np.asarray(self.pool).reshape(len(self.pool), -1) == value, axis=1)
+        pool, step = np.asarray(self.pool).reshape(len(self.pool), -1), 1 << 13
+
+        def count_rows(start: int) -> np.ndarray:
+            # Truth values are added eight at a time, 64 to a byte at most.
+            words = (pool[start : start + step] == value).view(np.uint64).sum(axis=1, dtype=np.uint64)
+            return words.view(np.uint8).reshape(-1, 8).sum(axis=1, dtype=np.int64)
+
+        of_row = np.concatenate(spread(count_rows, range(0, len(pool), step)))
         return int(of_row @ self.uses)
 
     def where(self, value: object) -> Int32[np.ndarray, "m 3"]:
@@ -151,7 +173,8 @@ class BlockArray(eqx.Module):
             advice = "crop the map, or take a larger voxel size"
             check_memory(36.0 * count, f"the list of {count:,} voxels", advice, on_device=False)
         has_any = (np.asarray(self.pool) == value).any(axis=(1, 2, 3))
-        blocks = np.argwhere(has_any[np.asarray(self.table)]).astype(np.int32)
+        blocks = self.places()
+        blocks = blocks[has_any[np.asarray(self.table)[tuple(blocks.T)]]]
         # Layer by layer along x, in which a sort puts the voxels of the blocks in their order.
         ends = np.searchsorted(blocks[:, 0], np.arange(self.table.shape[0] + 1))
 
@@ -163,12 +186,12 @@ class BlockArray(eqx.Module):
             order = np.argsort(key)
             return np.stack([x[order], y[order], z[order]], axis=1)
 
-        found = spread(list_layer, range(self.table.shape[0]))
+        found = spread(list_layer, np.flatnonzero(np.diff(ends)).tolist())
         return np.concatenate(found) if found else np.zeros((0, 3), np.int32)
 
     def known_box(self) -> tuple[np.ndarray, np.ndarray]:
         """Lowest voxel that is not 0, and one past the highest, int64 (3,) each; both 0 where all are."""
-        blocks = np.argwhere(np.asarray(self.table) != 0)
+        blocks = self.places()
         if not len(blocks):
             return np.zeros(3, np.int64), np.zeros(3, np.int64)
         rows = np.asarray(self.table)[tuple(blocks.T)]
@@ -201,7 +224,7 @@ class BlockArray(eqx.Module):
 
     def parts(self) -> Iterator[tuple[Int[np.ndarray, "m 3"], Shaped[np.ndarray, "m 8 8 8"]]]:
         """Blocks that are not all 0, some thousand at a time: their places in the table, and their values."""
-        blocks = np.argwhere(np.asarray(self.table) != 0)
+        blocks = self.places()
         step = 1 << 12
         for start in range(0, len(blocks), step):
             index = blocks[start : start + step]
