@@ -47,9 +47,25 @@ def test_stores_are_merged_into_a_store_that_appears_with_the_other_files(monkey
     assert read_map("out.zarr") == read_map("out.npz")
     kept = sorted(path.name for path in Path().iterdir())
     assert kept == sorted([*maps, *stores, "out.npz", "out.zarr", "r.json"])
+    assert f"out.zarr: {read_map('out.npz')!r}" in capsys.readouterr().out
+    assert (
+        main(["merge", *stores, "-o", "out.zarr", "--memory", "4G", "--picture", "p.png", "-q", "--force"])
+        == 0
+    )
+    assert read_map("out.zarr") == read_map("out.npz")
+    assert main(["merge", *stores, "-o", "small.zarr", "--memory", "50M", "-q"]) == 2
+    assert "GB of memory and 0.05 GB are available" in capsys.readouterr().err
     Path("work.zarr").mkdir()
     assert main(["merge", *stores, "-o", "work.zarr", "-q", "--force"]) == 2
     assert "work.zarr is a folder without a file zarr.json" in capsys.readouterr().err
+
+
+def test_a_store_that_is_not_to_be_written_leaves_nothing(monkeypatch, maps, capsys):
+    fake_register(monkeypatch, verdicts={(0, 2): "no_overlap", (1, 2): "no_overlap"})
+    assert main(["merge", *maps, "-o", "out.zarr", "-q"]) == 3
+    assert sorted(path.name for path in Path().iterdir()) == sorted(maps)
+    assert main(["merge", *maps, "-o", "out.zarr", "-q", "--allow-partial"]) == 0
+    assert sorted(path.name for path in Path().iterdir()) == sorted([*maps, "out.zarr"])
 
 
 @pytest.mark.skipif(find_spec("viser") is None, reason="needs the extra voxjax[view]")

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from command_line import one_line
-from voxjax.cli.parser import parse, positive_number, whole_number
+from voxjax.cli.parser import memory_size, parse, positive_number, whole_number
 
 
 def test_help_imports_neither_jax_nor_numpy():
@@ -63,3 +63,14 @@ def test_an_option_without_a_value_is_refused(capsys, option):
         parse(["merge", "a.bt", "b.bt", "-o", "c.bt", f"{option}=--"])
     assert stop.value.code == 2
     assert f"argument {option}" in one_line(capsys)
+
+
+@pytest.mark.parametrize(("text", "gigabytes"), [("2G", 2.0), ("500M", 0.5), ("1.5g", 1.5), ("3", 3.0)])
+def test_sizes_of_memory_are_taken(text, gigabytes):
+    assert memory_size(text) == gigabytes
+
+
+@pytest.mark.parametrize("text", ["G", "", "2T", "-1G", "nan", "0M", "infG"])
+def test_other_sizes_are_refused_with_an_example(text):
+    with pytest.raises(argparse.ArgumentTypeError, match="must be a size such as 2G or 500M, got"):
+        memory_size(text)

@@ -1,8 +1,12 @@
 """Compiled kernels kept between processes: where, what, and what happens when they cannot be."""
 
+import os
+
 import pytest
 
 from cache_runs import COMMAND, COUNTED, kernel_entries, run_process
+from voxjax._runtime.memory import memory_limit
+from voxjax.cli.runtime import granted_memory
 
 
 @pytest.mark.parametrize("choice", [{}, {"VOXJAX_CACHE": "off"}, {"JAX_COMPILATION_CACHE_DIR": "mine"}])
@@ -116,3 +120,23 @@ def test_a_relative_cache_home_is_ignored_and_said_in_one_line(tmp_path):
     assert "'relative'" in line
     (entry,) = (tmp_path / ".cache" / "voxjax" / "xla").glob("*-cache")
     assert entry.is_file()
+
+
+@pytest.mark.parametrize("before", [None, "7"])
+def test_memory_is_granted_for_a_run_and_no_longer(monkeypatch, before):
+    monkeypatch.delenv("VOXJAX_MEMORY", raising=False)
+    if before is not None:
+        monkeypatch.setenv("VOXJAX_MEMORY", before)
+    limit = memory_limit(on_device=False)
+    with granted_memory(None):
+        assert before is None or memory_limit() == limit
+    seen = []
+
+    def work():
+        seen.append(memory_limit())
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), granted_memory(0.5):
+        work()
+    assert seen == [0.5e9]
+    assert os.environ.get("VOXJAX_MEMORY") == before

@@ -7,13 +7,12 @@ disk do the files take their names. Whatever goes wrong, a full disk or Ctrl-C, 
 import contextlib
 import errno
 import os
-import secrets
 import stat
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from .._checks import InputError, shown
-from .whole_folders import Folder, flush_folder, remove, replace_folder
+from .whole_folders import Folder, flush_folder, replace_folder, temporary_beside
 
 FilePath = str | os.PathLike
 Content = bytes | Folder
@@ -96,7 +95,7 @@ def write_files(
             marker = data.marker if isinstance(data, Folder) else None
             path = check_writable(name, force=force, marker=marker)
             with _explained(path):
-                temporary = _temporary(path, temporaries)
+                temporary = temporary_beside(path, temporaries)
                 if isinstance(data, Folder):
                     _write_folder(temporary, data, is_durable)
                 else:
@@ -105,7 +104,7 @@ def write_files(
         for temporary, path in written:
             with _explained(path):
                 if temporary.is_dir():
-                    replace_folder(temporary, path, _temporary(path, temporaries), renames, force=force)
+                    replace_folder(temporary, path, temporary_beside(path, temporaries), renames, force=force)
                 elif force:
                     _replace(temporary, path, temporaries, renames)
                 else:
@@ -113,14 +112,6 @@ def write_files(
         renames.pop_all()  # all have their names: nothing is to be taken back
     if is_durable:
         _flush_folders({path.parent for _, path in written})
-
-
-def _temporary(path: Path, temporaries: contextlib.ExitStack) -> Path:
-    """A name beside `path` that nobody has; `temporaries` removes what will be there."""
-    temporary = path.with_name(f".voxjax-{secrets.token_hex(8)}.tmp")
-    # Registered before the file exists, because Ctrl-C may come at any time.
-    temporaries.callback(remove, temporary)
-    return temporary
 
 
 def _write(temporary: Path, data: bytes, mode: int, is_durable: bool) -> None:
@@ -158,7 +149,7 @@ def _replace(
 ) -> None:
     """Name a file as another one may be named; `renames` brings that one back."""
     # A second name keeps the old file alive until all files have their names.
-    old = _temporary(path, temporaries)
+    old = temporary_beside(path, temporaries)
     try:
         os.link(path, old, follow_symlinks=False)
     except FileNotFoundError:

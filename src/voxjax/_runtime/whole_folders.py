@@ -6,6 +6,7 @@ nothing bears its name.
 
 import contextlib
 import os
+import secrets
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -22,6 +23,14 @@ class Folder(NamedTuple):
 
     write: Callable[[Path], None]
     marker: str
+
+
+def temporary_beside(path: Path, temporaries: contextlib.ExitStack, ending: str = ".tmp") -> Path:
+    """A name beside `path` that nobody has; `temporaries` removes what will be there."""
+    temporary = path.with_name(f".voxjax-{secrets.token_hex(8)}{ending}")
+    # Registered before anything is there, because Ctrl-C may come at any time.
+    temporaries.callback(remove, temporary)
+    return temporary
 
 
 def replace_folder(

@@ -1,14 +1,19 @@
 """`voxjax merge`: maps in, one map out, or an honest refusal."""
 
 import argparse
+import contextlib
+import os
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from .._checks import InputError
 from .._runtime.whole_files import Content, write_files
-from ..io import ENDINGS, LoadedMap, encode_map
+from .._runtime.whole_folders import Folder, temporary_beside
+from ..io import ENDINGS, LoadedMap, encode_map, read_map
+from ..io.zarr_reading import MARKER
 from ..pipeline.config import Config
 from ..pipeline.many import merge
 from ..pipeline.merged import Merge
@@ -19,13 +24,19 @@ from .inputs import check_inputs, read_config
 from .maps import load_maps, warn_of_remarks
 from .outputs import check_outputs, json_bytes
 from .progress import Progress
-from .runtime import kept_kernels
+from .runtime import granted_memory, kept_kernels
 from .streams import tell, warn
 
 
 @kept_kernels()
 def run(args: argparse.Namespace) -> int:
     """Merge maps as the arguments say and return the exit code."""
+    with granted_memory(args.memory), contextlib.ExitStack() as temporaries:
+        return _run(args, temporaries)
+
+
+def _run(args: argparse.Namespace, temporaries: contextlib.ExitStack) -> int:
+    """`run` with the memory granted; `temporaries` removes what the fused map is written to before it has its name."""
     _check(args)
     # A slip in a line of text is said before the maps are read, which may take long.
     guess = None if args.init_guess is None else parse_guess(args.init_guess)
@@ -41,6 +52,8 @@ def run(args: argparse.Namespace) -> int:
     for path, grid in zip(args.maps, grids, strict=True):
         if grid.num_occupied == 0:
             raise InputError(f"{path} has no occupied voxel, so there is nothing to align; leave it out.")
+    is_store = Path(args.output).suffix.lower() == ".zarr"
+    store = temporary_beside(Path(args.output), temporaries, ".zarr") if is_store else None
     merged = merge(
         grids,
         preset=args.preset,
@@ -49,22 +62,34 @@ def run(args: argparse.Namespace) -> int:
         init_guess=guess,
         config=config,
         on_stage=progress,
+        out=store,
     )
     # A part of the maps is written only on request: a map that lacks a robot's part looks like a whole one.
     is_written = merged.status == "merged" or (merged.status == "partial" and args.allow_partial)
     progress("write")
     # All contents exist before the first file does: a fault while drawing leaves nothing behind.
-    write_files(_contents(args, maps, merged, progress, is_written=is_written), force=args.force)
+    contents = _contents(args, maps, merged, progress, is_written=is_written)
+    if store is not None and args.output in contents:
+        contents[args.output] = Folder(partial(os.rename, store), MARKER)
+    write_files(contents, force=args.force)
     progress.finish()
     for line in summary(merged, args.maps):
         tell(line)
     if is_written:
-        grid = merged.grid
-        assert grid is not None
-        tell(f"{args.output}: {grid!r}")
+        tell(f"{args.output}: {_described(args, merged)}")
         return 0
     warn(f"no map written: {refusal(merged, args.maps)}{_hint(merged, has_report=args.report is not None)}.")
     return 3
+
+
+def _described(args: argparse.Namespace, merged: Merge) -> str:
+    """The fused map in a line; one in a store, which has got its name, is counted for that."""
+    grid = merged.grid
+    assert grid is not None
+    if grid.is_stored:
+        grid = read_map(args.output)
+        _ = grid.num_occupied
+    return repr(grid)
 
 
 def summary(merged: Merge, names: Sequence[str]) -> list[str]:

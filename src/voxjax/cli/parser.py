@@ -164,6 +164,13 @@ def _add_merge(commands) -> None:
         help="how states are combined; chosen by what the maps hold if not given",
     )
     command.add_argument(
+        "--memory",
+        type=memory_size,
+        metavar="SIZE",
+        help="memory that the run may take, such as 2G or 500M, instead of what the machine has left or VOXJAX_MEMORY "
+        "says; work that needs more is refused. A fused map in a store (.zarr) is written window by window",
+    )
+    command.add_argument(
         "--config", metavar="F.toml", help="settings of the stages; their keys: docs/settings.md"
     )
     command.add_argument(
@@ -242,6 +249,15 @@ def positive_number(text: str) -> float:
     if not 0.0 < number < float("inf"):
         raise argparse.ArgumentTypeError(f"must be a number above 0, got {text!r}")
     return number
+
+
+def memory_size(text: str) -> float:
+    """Gigabytes: a number with G or M behind it, or with neither."""
+    unit = {"G": 1.0, "M": 1e-3}.get(text[-1:].upper())
+    try:
+        return positive_number(text if unit is None else text[:-1]) * (unit or 1.0)
+    except argparse.ArgumentTypeError:
+        raise argparse.ArgumentTypeError(f"must be a size such as 2G or 500M, got {text!r}") from None
 
 
 def box(text: str) -> tuple[tuple[float, ...], tuple[float, ...]]:

@@ -38,6 +38,20 @@ def kept_kernels() -> Iterator[None]:
         yield
 
 
+@contextmanager
+def granted_memory(gigabytes: float | None) -> Iterator[None]:
+    """Let checks of memory take a number of gigabytes for what there is; None leaves that as it is."""
+    before = os.environ.get("VOXJAX_MEMORY")
+    if gigabytes is not None:
+        os.environ["VOXJAX_MEMORY"] = repr(gigabytes)
+    try:
+        yield
+    finally:
+        if gigabytes is not None:
+            os.environ.pop("VOXJAX_MEMORY")
+            os.environ.update({} if before is None else {"VOXJAX_MEMORY": before})
+
+
 def _keep_nothing(error: InputError) -> None:
     """Compile without a cache, also without the one that JAX has from its own variable, and say why."""
     import jax

@@ -1,6 +1,7 @@
 """N maps to one: register the pairs, keep a spanning tree of what is trusted, chain the poses, fuse."""
 
 import itertools
+import os
 import time
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -32,6 +33,7 @@ def merge(
     init_guess: object = None,
     config: Config | Mapping | None = None,
     on_stage: OnStage | None = None,
+    out: str | os.PathLike | None = None,
 ) -> Merge:
     """Merge two or more maps whose relative poses are unknown.
 
@@ -47,6 +49,7 @@ def merge(
         init_guess: A (4, 4) `T_a_b` that is tried as one more hypothesis; for two maps only.
         config: Settings of the stages, see `voxjax.pipeline.config`.
         on_stage: Called with the name of each stage as it starts.
+        out: Name of a Zarr store that the fused map is written to, see `voxjax.fuse`; None keeps it in memory.
 
     Returns:
         The fused map, the poses and the registrations behind them.
@@ -106,7 +109,7 @@ def merge(
             stages.announce("fuse")
             # The maps as they were given are fused, not those at the working voxel size: no detail is lost for
             # the registration.
-            grid = fuse([grids[n] for n in chosen], [poses[n] for n in chosen], rule=rule)
+            grid = fuse([grids[n] for n in chosen], [poses[n] for n in chosen], rule=rule, out=out)
     status: Status = "no_overlap" if not chosen else "merged" if len(chosen) == len(grids) else "partial"
     return Merge(
         grid=grid,
