@@ -76,11 +76,18 @@ class BlockArray(eqx.Module):
         counts[0] = len(flat) - counts.sum()
         return counts
 
-    def places(self) -> Int32[np.ndarray, "m 3"]:
-        """Places in the table of the blocks that are not all 0, in lexicographic order; made at each call."""
+    def places(self, is_wanted: Bool[np.ndarray, "n"] | None = None) -> Int32[np.ndarray, "m 3"]:
+        """Places of blocks in the table, in lexicographic order; made at each call.
+
+        Args:
+            is_wanted: Rows of the pool whose blocks are listed; None for those that are not all 0.
+        """
         table = np.asarray(self.table)
         flat, step = table.reshape(-1), 1 << 22
-        found = [(np.flatnonzero(flat[start : start + step]) + start) for start in range(0, len(flat), step)]
+        parts = ((start, flat[start : start + step]) for start in range(0, len(flat), step))
+        found = [
+            np.flatnonzero(rows if is_wanted is None else is_wanted[rows]) + start for start, rows in parts
+        ]
         numbers = np.concatenate([np.zeros(0, np.int64), *(part for part in found if len(part))])
         index = np.empty((len(numbers), 3), np.int32)
         for axis, along in enumerate(np.unravel_index(numbers, table.shape) if len(numbers) else ()):
@@ -172,9 +179,7 @@ class BlockArray(eqx.Module):
         if count > 1 << 22:  # a short list is not worth the milliseconds of asking
             advice = "crop the map, or take a larger voxel size"
             check_memory(36.0 * count, f"the list of {count:,} voxels", advice, on_device=False)
-        has_any = (np.asarray(self.pool) == value).any(axis=(1, 2, 3))
-        blocks = self.places()
-        blocks = blocks[has_any[np.asarray(self.table)[tuple(blocks.T)]]]
+        blocks = self.places((np.asarray(self.pool) == value).any(axis=(1, 2, 3)))
         # Layer by layer along x, in which a sort puts the voxels of the blocks in their order.
         ends = np.searchsorted(blocks[:, 0], np.arange(self.table.shape[0] + 1))
 
