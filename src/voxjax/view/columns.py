@@ -64,8 +64,10 @@ def free_columns(
         (table[:, :, :whole], is_free),
         (table[:, :, whole:], is_free & ((1 << 8 * rest) - 1)),
     ):
-        has_free = (word & np.uint64(mask)) != 0
-        x, y, z = np.nonzero(has_free.any(axis=(1, 2))[layers])
+        # Some blocks at a time: the numbers take as much memory as the blocks.
+        pieces = (word[start : start + (1 << 13)] for start in range(0, len(word), 1 << 13))
+        has_free = np.concatenate([(piece & np.uint64(mask)) != 0 for piece in pieces])
+        x, y, z = np.nonzero(np.asarray(has_free.any(axis=(1, 2)))[layers])
         np.logical_or.at(found, (x, y), has_free[layers[x, y, z]])
     columns = found.transpose(0, 2, 1, 3).reshape(BLOCK * found.shape[0], BLOCK * found.shape[1])
     begin, size = low - BLOCK * first, high - low

@@ -159,6 +159,10 @@ class BlockArray(eqx.Module):
 
     def count(self, value: object) -> int:
         """How many voxels of the box hold a value that is not 0."""
+        return int(self._count_in_rows(value) @ self.uses)
+
+    def _count_in_rows(self, value: object) -> Int[np.ndarray, "n"]:
+        """How many voxels of each row of the pool hold a value."""
         pool, step = np.asarray(self.pool).reshape(len(self.pool), -1), 1 << 13
 
         def count_rows(start: int) -> np.ndarray:
@@ -166,8 +170,7 @@ class BlockArray(eqx.Module):
             words = (pool[start : start + step] == value).view(np.uint64).sum(axis=1, dtype=np.uint64)
             return words.view(np.uint8).reshape(-1, 8).sum(axis=1, dtype=np.int64)
 
-        of_row = np.concatenate(spread(count_rows, range(0, len(pool), step)))
-        return int(of_row @ self.uses)
+        return np.concatenate(spread(count_rows, range(0, len(pool), step)))
 
     def where(self, value: object) -> Int32[np.ndarray, "m 3"]:
         """Voxels that hold a value that is not 0, int32 (m, 3), in lexicographic order.
@@ -175,11 +178,12 @@ class BlockArray(eqx.Module):
         Raises:
             InputError: If there is not enough memory for the list.
         """
-        count = self.count(value)
+        in_rows = self._count_in_rows(value)
+        count = int(in_rows @ self.uses)
         if count > 1 << 22:  # a short list is not worth the milliseconds of asking
             advice = "crop the map, or take a larger voxel size"
             check_memory(36.0 * count, f"the list of {count:,} voxels", advice, on_device=False)
-        blocks = self.places((np.asarray(self.pool) == value).any(axis=(1, 2, 3)))
+        blocks = self.places(in_rows != 0)
         # Layer by layer along x, in which a sort puts the voxels of the blocks in their order.
         ends = np.searchsorted(blocks[:, 0], np.arange(self.table.shape[0] + 1))
 
