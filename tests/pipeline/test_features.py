@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import voxjax as vx
+from block_maps import far_apart, in_blocks, peak_of
 from small_worlds import draw_map
 from voxjax.pipeline.config import config_from
 from voxjax.pipeline.features import features_at, working_voxel
@@ -61,3 +62,13 @@ def test_features_follow_the_settings():
     assert np.asarray(found.corners.trimmed().is_observed).all()
     with pytest.raises(vx.InputError, match="at least one occupied voxel"):
         features_at(vx.VoxelGrid(np.zeros((2, 2, 2), np.uint8), np.zeros(3), 0.1), voxel_size=0.1)
+
+
+def test_features_of_two_maps_far_apart_take_memory_for_these_and_not_for_the_box():
+    room = draw_map()
+    grid = far_apart(room)
+    features_at(in_blocks(room), voxel_size=room.voxel_size)  # compiles, which takes memory of its own
+    found, peak = peak_of(lambda: features_at(grid, voxel_size=grid.voxel_size))
+    assert found.prepared.num_points == 2 * room.num_occupied
+    assert found.num_isolated == 0
+    assert peak < 60e6 < grid.num_voxels / 50
