@@ -127,7 +127,7 @@ def _coarse_factor(voxel_size: float) -> int:
     # Unrefined poses are off by about so much [m], whatever the voxel size: with cells of 0.6 m, large maps of 0.2 m
     # voxels agree with each other everywhere, and the right pose drowned.
     coarse_cell = 0.3
-    return int(np.clip(np.ceil(coarse_cell / voxel_size - 1e-3), 2, 3))
+    return 2
 
 
 class MapSurface(NamedTuple):

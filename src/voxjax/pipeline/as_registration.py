@@ -58,7 +58,7 @@ def registration_of(
     """
     # The first leader was refined once more, and only its pose changed: evidence and score are those of the judging.
     T_a_b = np.asarray(pose.T_a_b)
-    scores = net_scores(leaders.judgement, settings.min_rival_share)
+    scores = net_scores(leaders.judgement, settings)
     hypotheses = tuple(
         Hypothesis(
             T_a_b if i == 0 else leaders.poses[i],

@@ -175,12 +175,15 @@ class _Alignment(NamedTuple):
         jacobian = jnp.stack([*normal, *turn, residual])
         system = (jacobian * weight[None, :]) @ jacobian.T
         hessian, gradient = system[:6, :6], system[:6, 6]
-        # A pose that meets nothing has a matrix of zeros; the constant keeps it solvable, and the pose
-        # stays where it is.
-        damping = share * jnp.trace(hessian) / 6.0 + 1e-12
-        delta = -jnp.linalg.solve(hessian + damping * jnp.eye(6, dtype=jnp.float32), gradient)
-        # A start that meets few points must not be thrown far [m, rad].
-        delta = jnp.clip(delta, -0.5, 0.5)
+        # Of shifts and of turns each a share of its own: their entries differ by squared metres. A pose that meets
+        # nothing has a matrix of zeros; the constant keeps it solvable, and the pose stays where it is.
+        shares = jnp.diagonal(hessian).reshape(2, 3).mean(axis=1)
+        damping = jnp.repeat(share * shares + 1e-12, 3, total_repeat_length=6)
+        delta = -jnp.linalg.solve(hessian + jnp.diag(damping), gradient)
+        # A start that meets few points must not be thrown farther than matches are looked for, nor turned far [rad].
+        farthest = target.block.voxel_size * self.start_distance
+        bounds = jnp.concatenate([jnp.full(3, farthest, jnp.float32), jnp.full(3, 0.5, jnp.float32)])
+        delta = jnp.clip(delta, -bounds, bounds)
         rotation = rigid.exp_so3(delta[3:]) @ T[:3, :3]
         # The centre goes where the step says, and the translation follows from it.
         moved = image + delta[:3]

@@ -20,8 +20,8 @@ that drift by more than a voxel need more."""
 MAP_ACCURACY = 0.1
 """Error that no number of patches takes away [voxel], and about the same at the map's radius."""
 
-PRIOR = 1.0
-"""A direction that no surface fixes is uncertain by this [m, or m at the map's radius]."""
+PRIOR = 10.0
+"""A direction that no surface fixes is uncertain by this [voxel], and by as much at the map's radius."""
 
 
 @kept_program
@@ -50,7 +50,7 @@ def pose_covariance(
     scaled = information * units[:, None] * units[None, :] * num_patches / variance
     # Each direction is inverted for itself, with the prior, so that those that no surface fixes stay finite.
     values, vectors = jnp.linalg.eigh(scaled)
-    spread = (vectors / (jnp.maximum(values, 0.0) + 1.0 / PRIOR**2)[None, :]) @ vectors.T
+    spread = (vectors / (jnp.maximum(values, 0.0) + 1.0 / (PRIOR * voxel_size) ** 2)[None, :]) @ vectors.T
     spread = spread + (MAP_ACCURACY * voxel_size) ** 2 * jnp.eye(6, dtype=T_a_b.dtype)
     # A direction slides if the maps know it worse than the last robust scale.
     is_degenerate = values[0] < 1.0 / scale**2

@@ -107,7 +107,7 @@ def weigh_pieces(a: PreparedMap, b: PreparedMap, leaders: Leaders, settings: Ver
         areas[is_rival] = spread(area, leaders.poses[is_rival])
     pieces, shared = areas.T
     judgement = leaders.judgement._replace(pieces=pieces, shared=shared)
-    order = np.argsort(-net_scores(judgement, settings.min_rival_share), kind="stable")
+    order = np.argsort(-net_scores(judgement, settings), kind="stable")
     # The best pose is the first one everywhere after this: the verdict and the last refinement take it from
     # there.
     return leaders._replace(judgement=judgement).take(order)
@@ -120,12 +120,18 @@ def rivals(judgement: Judgement, min_share: float = VerdictConfig.min_rival_shar
     return (scores >= min_share * scores.max(initial=0.0)) & (scores > 0.0)
 
 
-def net_scores(judgement: Judgement, min_share: float = VerdictConfig.min_rival_share) -> np.ndarray:
-    """Scores (k,); those of rivals divided by 1 m^2 plus their pieces, and the cleanest one keeps its score.
+def net_scores(judgement: Judgement, settings: VerdictConfig | None = None) -> np.ndarray:
+    """Scores (k,); those of rivals fall with the area of their pieces, and the cleanest one keeps its score.
 
     Pieces that all rivals show, from drift or moved things, tell nothing between them.
+
+    Args:
+        judgement: The poses, judged, with the pieces of the rivals.
+        settings: Which poses are rivals, and how large a piece is.
     """
-    is_rival = rivals(judgement, min_share)
+    settings = VerdictConfig() if settings is None else settings
+    is_rival = rivals(judgement, settings.min_rival_share)
     least = judgement.pieces[is_rival].min(initial=np.inf)
-    # The one square metre keeps the quotient finite, and lets small differences of area weigh little.
-    return judgement.score() * np.where(is_rival, (1.0 + least) / (1.0 + judgement.pieces), 1.0)
+    # The area from which pieces count keeps the quotient finite, and lets small differences weigh little.
+    area = max(settings.min_piece_area, 1e-12)
+    return judgement.score() * np.where(is_rival, (area + least) / (area + judgement.pieces), 1.0)

@@ -87,7 +87,7 @@ def probabilities(
     utility = weight.score * of_score + weight.support * of_support
     is_rival = rivals(judgement, chosen.min_rival_share)
     if has_free_space and is_rival.any():
-        net = net_scores(judgement, chosen.min_rival_share)
+        net = net_scores(judgement, chosen)
         within = np.where(is_rival, np.maximum(net, 0.0) ** chosen.rival_weight, 0.0)
         # Rivals whose net score is 0 have the logarithm of 0, which gives them no share.
         with np.errstate(divide="ignore"):
@@ -122,7 +122,7 @@ def decide(
     shown = _shown(judgement, conflict, has_free_space=has_free_space, is_inferred=is_inferred)
     # No overlap is the answer where nothing supports the pose, or where it is both the likelier one and more
     # than an even bet; any other doubt makes the pose ambiguous.
-    if net_scores(judgement, settings.min_rival_share)[0] <= 0.0 or none > max(0.5, confidence):
+    if net_scores(judgement, settings)[0] <= 0.0 or none > max(0.5, confidence):
         return Finding("no_overlap", confidence, f"No pose is supported by the maps: at best {shown}.", none)
     if conflict > settings.max_conflict:
         reason = f"Occupied and free space contradict each other too often: {shown}."
