@@ -10,6 +10,7 @@ from .._runtime.buckets import bucket_size, pad_rows
 from .._runtime.forks import refused_after_fork
 from .._runtime.memory import check_memory
 from ..grid import VoxelGrid, check_grid
+from ..maps.settings import MapConfig
 from ..ops.blocks.windows import TILE
 from ..planes.extract import PlaneMap, extract_planes
 from ..planes.triples import PlaneTriples, intersect_planes
@@ -28,7 +29,7 @@ def detect_corners(
     *,
     virtual: bool = False,
     preset: Literal["default", "paper"] = "default",
-    virtual_reach: float = 2.0,
+    virtual_reach: float = MapConfig.virtual_reach,
     max_virtual: int = 256,
 ) -> Corners:
     """Find the corners of a map: points where three faces meet.
@@ -86,7 +87,7 @@ def corners_of_planes(
     plane_map: PlaneMap,
     *,
     virtual: bool = False,
-    virtual_reach: float = 2.0,
+    virtual_reach: float = MapConfig.virtual_reach,
     max_virtual: int = 256,
     min_triple_product: float = 0.4,
 ) -> Corners:

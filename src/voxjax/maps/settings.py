@@ -22,6 +22,10 @@ class MapConfig(Settings, table="map"):
         inferred_reach: Length of the rays that look for surfaces around a place [m]: across a hall, not across a
             building.
         inferred_directions: A place is enclosed if a surface lies in at least so many of the 26 directions.
+        virtual_reach: The planes of a virtual corner end within this of it [m]: so much of walls does furniture hide.
+            In coarse maps it is no less than the seven voxels beside an observed corner.
+        descriptor_spacing: Descriptors are of points averaged over cells of two and a half voxels, but no wider than
+            this [m], where voxels are finer: furniture has no shape beyond it.
         min_inferred: Inferred free space is used where it lies before at least this share of the surfaces; in half a
             scan it would be on the wrong side of too many.
     """
@@ -33,4 +37,6 @@ class MapConfig(Settings, table="map"):
     infer_free_space: bool = setting(True)
     inferred_reach: float = setting(12.0, above=0.0, high=1_000.0)
     inferred_directions: int = setting(20, low=1, high=26)
+    virtual_reach: float = setting(2.0, above=0.0, high=1_000.0)
+    descriptor_spacing: float = setting(0.3, above=0.0, high=1_000.0)
     min_inferred: float = setting(0.75, low=0.0, high=1.0)

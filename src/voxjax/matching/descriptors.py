@@ -12,6 +12,7 @@ from .._checks import InputError, check_positive
 from .._runtime.threads import spread
 from .._types import FREE, Array
 from ..grid import VoxelGrid
+from ..maps.settings import MapConfig
 from ..ops.blocks.over_tiles import Rows, over_tiles
 from ..ops.descriptors.fpfh import point_feature_histograms, surface_normals
 from ..ops.descriptors.match import mutual_nearest
@@ -55,17 +56,19 @@ class MapDescriptors(eqx.Module):
     side: str = eqx.field(static=True)
 
 
-def working_spacing(*voxel_sizes: float) -> float:
-    """Spacing [m] at which maps of these voxel sizes can be compared: that of the coarsest, at most 0.3 m.
+def working_spacing(*voxel_sizes: float, most: float = MapConfig.descriptor_spacing) -> float:
+    """Spacing [m] at which maps of these voxel sizes can be compared: that of the coarsest.
 
-    A map whose voxels are coarser than that is taken as it is.
+    A map whose voxels are coarser than the largest spacing is taken as it is.
+
+    Args:
+        *voxel_sizes: Edge lengths of the maps' voxels [m].
+        most: Largest spacing [m]: furniture has no shape beyond it.
     """
-    # Largest working spacing [m] chosen by itself: furniture has no shape beyond it.
-    max_spacing = 0.3
     # Working spacing over the map's voxel size; averages the steps of the lattice away.
     spacing_in_voxels = 2.5
     coarsest = max(check_positive("voxel_size", size, "m") for size in voxel_sizes)
-    return max(min(max_spacing, spacing_in_voxels * coarsest), coarsest)
+    return max(min(most, spacing_in_voxels * coarsest), coarsest)
 
 
 def describe_map(

@@ -12,7 +12,7 @@ from ...grid import VoxelGrid
 from ...maps.inferred_space import infer_free_space
 from ...maps.prepared import PreparedMap, draw_rows, map_surface, prepare_map
 from ...maps.settings import MapConfig
-from ...matching.descriptors import MapDescriptors, describe_map
+from ...matching.descriptors import MapDescriptors, describe_map, working_spacing
 from ...planes.extract import extract_planes
 from ...planes.settings import PlaneConfig
 from .directions import dominant_directions
@@ -22,27 +22,41 @@ from .settings import RotationConfig, SourceConfig
 class LateFeatures:
     """Corners and descriptors of a map: they take longest, and many pairs are decided without them."""
 
-    def __init__(self, grid: VoxelGrid, max_virtual: int, planes: PlaneConfig | None = None):
+    def __init__(
+        self,
+        grid: VoxelGrid,
+        max_virtual: int,
+        planes: PlaneConfig | None = None,
+        settings: MapConfig | None = None,
+    ):
         """Compute nothing yet.
 
         Args:
             grid: The map.
             max_virtual: Largest number of virtual corners.
             planes: How the planes behind the corners are found; None for the defaults.
+            settings: How far furniture hides walls, and what shapes it has; None for the defaults.
         """
         self._grid, self._max_virtual, self._planes = grid, max_virtual, planes
+        self._settings = MapConfig() if settings is None else settings
         self._descriptors: dict[bool, MapDescriptors] = {}
 
     @cached_property
     def corners(self) -> Corners:
         """Observed and virtual corners."""
         planes = extract_planes(self._grid, settings=self._planes)
-        return corners_of_planes(self._grid, planes, virtual=True, max_virtual=self._max_virtual)
+        reach = self._settings.virtual_reach
+        return corners_of_planes(
+            self._grid, planes, virtual=True, virtual_reach=reach, max_virtual=self._max_virtual
+        )
 
     def descriptors(self, *, use_free_space: bool) -> MapDescriptors:
         """Local descriptors; both maps of a pair must agree on whether free space signs their normals."""
         if use_free_space not in self._descriptors:
-            self._descriptors[use_free_space] = describe_map(self._grid, use_free_space=use_free_space)
+            spacing = working_spacing(self._grid.voxel_size, most=self._settings.descriptor_spacing)
+            self._descriptors[use_free_space] = describe_map(
+                self._grid, spacing=spacing, use_free_space=use_free_space
+            )
         return self._descriptors[use_free_space]
 
 
@@ -113,7 +127,7 @@ def map_features(
         directions=directions,
         shares=shares,
         normals=normals[draw_rows(drawn, chosen.num_normals)],
-        late=LateFeatures(prepared.grid, max_virtual, plane),
+        late=LateFeatures(prepared.grid, max_virtual, plane, settings),
         free_space=free_space,
         num_isolated=num_isolated,
     )
