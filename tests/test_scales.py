@@ -13,7 +13,9 @@ FACTORS = (0.25, 16.0)
 
 
 def scaled(grid, factor):
-    return vx.VoxelGrid(grid.states, np.asarray(grid.origin) * factor, grid.voxel_size * factor, grid.log_odds)
+    return vx.VoxelGrid(
+        grid.states, np.asarray(grid.origin) * factor, grid.voxel_size * factor, grid.log_odds
+    )
 
 
 def scaled_pose(T, factor):
@@ -31,7 +33,11 @@ def maps():
 
 def check_same_pose(found, expected, factor, point):
     """Poses put a point at one place to a thousandth of a voxel, and turn alike to a thousandth of a degree."""
-    apart = found[:3, :3] @ (factor * point) + found[:3, 3] - factor * (expected[:3, :3] @ point + expected[:3, 3])
+    apart = (
+        found[:3, :3] @ (factor * point)
+        + found[:3, 3]
+        - factor * (expected[:3, :3] @ point + expected[:3, 3])
+    )
     assert np.abs(apart).max() < 1e-3 * VOXEL * factor
     np.testing.assert_allclose(found[:3, :3], expected[:3, :3], rtol=0, atol=2e-5)
 
@@ -47,7 +53,9 @@ def test_register_knows_no_unit_of_length(maps, factor):
     assert found.verdict == expected.verdict == "accepted"
     assert found.confidence == pytest.approx(expected.confidence, abs=1e-3)
     assert found.best_score == pytest.approx(expected.best_score, abs=1e-3)
-    check_same_pose(np.asarray(found.T_a_b), np.asarray(expected.T_a_b), factor, maps[1].occupied_points().mean(axis=0))
+    check_same_pose(
+        np.asarray(found.T_a_b), np.asarray(expected.T_a_b), factor, maps[1].occupied_points().mean(axis=0)
+    )
     units = np.array([factor] * 3 + [1.0] * 3)
     spread = np.sqrt(np.diag(found.covariance)) / units
     np.testing.assert_allclose(spread, np.sqrt(np.diag(expected.covariance)), rtol=0.02)

@@ -21,6 +21,10 @@ from ..ops.surface.moments import SurfaceMoments, tiled_moments
 FIELD_RADIUS = 5
 """Reach of the nearest-voxel field [voxel]: what refinement can pull in."""
 
+COARSE_FACTOR = 2
+"""Width of a coarse cell [voxel], at whose tolerance unrefined poses are judged. With cells of three, large maps of
+coarse voxels agree with each other everywhere, and the right pose drowns."""
+
 
 class PreparedMap(eqx.Module):
     """One map, ready to be registered with any other of the same working voxel size.
@@ -42,7 +46,7 @@ class PreparedMap(eqx.Module):
             occupied share rows.
         keys: Pool of the nearest occupied voxel of each voxel; flat, 512 cells a row, as all pools.
         codes: Pool of evidence codes at the tolerance of the voxel size.
-        rough_codes: Pool of evidence codes at the tolerance of cells `coarse_factor` voxels wide.
+        rough_codes: Pool of evidence codes at the tolerance of cells `COARSE_FACTOR` voxels wide.
         states: Pool of the states.
         num_rows: Rows of the pools that are not padding.
         num_shared: The first rows, which blocks may share; the others stand for one block each, in C order.
@@ -101,14 +105,9 @@ class PreparedMap(eqx.Module):
         places = np.unravel_index(within, (BLOCK,) * 3)
         return np.stack([BLOCK * b + p for b, p in zip(block, places, strict=True)], axis=-1)
 
-    @property
-    def coarse_factor(self) -> int:
-        """Width of a coarse cell [voxel], 2 or 3."""
-        return _coarse_factor(self.grid.voxel_size)
-
-    def coarse_codes(self, factor: int) -> UInt8[Array, "cells"]:
+    def coarse_codes(self, factor: int = COARSE_FACTOR) -> UInt8[Array, "cells"]:
         """Evidence codes at the tolerance of cells `factor` voxels wide."""
-        if factor == self.coarse_factor:
+        if factor == COARSE_FACTOR:
             return self.rough_codes
         return _codes(self.states, self.keys, self.num_rows, _coarse_bounds(factor))
 
@@ -121,13 +120,6 @@ def _coarse_bounds(factor: int) -> tuple[int, int]:
 
 def _codes(states: Array, keys: Array, num_rows: int, bounds: tuple[int, int]) -> UInt8[Array, "cells"]:
     return code_pool(states, keys, num_rows, hit_sq=bounds[0], clear_sq=bounds[1])
-
-
-def _coarse_factor(voxel_size: float) -> int:
-    # Unrefined poses are off by about so much [m], whatever the voxel size: with cells of 0.6 m, large maps of 0.2 m
-    # voxels agree with each other everywhere, and the right pose drowned.
-    coarse_cell = 0.3
-    return 2
 
 
 class MapSurface(NamedTuple):
@@ -206,7 +198,7 @@ def prepare_map(grid: VoxelGrid | MapSurface) -> PreparedMap:
         num_points=len(index),
         free_share=surface.free_share,
         codes=codes((hit_sq, clear_sq)),
-        rough_codes=codes(_coarse_bounds(_coarse_factor(grid.voxel_size))),
+        rough_codes=codes(_coarse_bounds(COARSE_FACTOR)),
         dims=to_device(np.asarray(grid.shape, np.int32)),
         **pools._asdict(),
         centroid=to_device(points.mean(axis=0, dtype=np.float64).astype(np.float32)),

@@ -4,6 +4,7 @@
 side, and kernels of few shapes (`correlate`), one rotation after the other; the scores are the same but for rounding.
 """
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -97,8 +98,40 @@ def search_translations(
     Returns:
         For each placement the scores float32 (k,), best first, and the shifts int64 (k, 3) [cell] of b's box in a's.
     """
-    search = _search_on_host if on_host(a.codes, b.codes) else _search_by_kernels
-    return search(a, b, placements, num_peaks, conflict_weight)
+    if not on_host(a.codes, b.codes):
+        return _search_by_kernels(a, b, placements, num_peaks, conflict_weight)
+    found: list[Peaks | None] = [None] * len(placements)
+    for rows in _batches(placements):
+        some = _search_on_host(a, b, [placements[row] for row in rows], num_peaks, conflict_weight)
+        for row, peaks in zip(rows, some, strict=True):
+            found[row] = peaks
+    return [peaks for peaks in found if peaks is not None]
+
+
+def _needed(place: Placement) -> Cells:
+    """A block that holds both boxes end to end, so that no translation wraps round."""
+    return _triple([block_size(int(n)) for n in place.box_a + place.box_b])
+
+
+def _batches(placements: Sequence[Placement], most: int = 1 << 29) -> list[list[int]]:
+    """Rows of placements that are searched together: what is transformed for them takes at most so many bytes.
+
+    Placements that share transforms follow each other. Those of buildings are one batch.
+    """
+    names = [(_needed(place), place.upright_b.tobytes()) for place in placements]
+    batches: list[list[int]] = []
+    held, taken = set(), 0.0
+    for row in sorted(range(len(placements)), key=names.__getitem__):
+        # Two half spectra of complex64 take eight bytes a cell; a block of its own size has one of map a, too.
+        new = {names[row], names[row][0]} - held
+        size = 8.0 * math.prod(names[row][0]) * len(new)
+        if not batches or taken + size > most:
+            batches.append([])
+            held, taken = set(), 0.0
+        batches[-1].append(row)
+        held |= {names[row], names[row][0]}
+        taken += size
+    return batches
 
 
 def _search_on_host(
@@ -118,9 +151,9 @@ def _search_on_host(
             *given, rotation, low, _triple(box), placements[0].cell, conflict_weight, cells=cells
         )
 
-    # Blocks that hold both boxes end to end, so that no translation wraps round. What is transformed is named by map,
-    # block and rotation; each name is worked on once, however many placements share it.
-    needed = [_triple([block_size(int(n)) for n in p.box_a + p.box_b]) for p in placements]
+    # What is transformed is named by map, block and rotation; each name is worked on once, however many placements
+    # share it.
+    needed = [_needed(place) for place in placements]
     keys_a = [(0, cells, p.block_a.tobytes()) for cells, p in zip(needed, placements, strict=True)]
     keys_b = [(1, cells, p.upright_b.tobytes()) for cells, p in zip(needed, placements, strict=True)]
     first: dict[tuple, Placement] = {}

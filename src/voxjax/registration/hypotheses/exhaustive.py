@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import ConvexHull
 
-from ...maps.prepared import PreparedMap
+from ...maps.prepared import COARSE_FACTOR, PreparedMap
 from ...ops.evidence.lookup import Block
 from ...ops.evidence.translations import CoarseMap, Placement, search_translations
 from .settings import ExhaustiveConfig, SourceConfig
@@ -72,7 +72,7 @@ def exhaustive_hypotheses(
         frame: Rotation of a into the frame of the coarse block (`upright_frame`).
         conflict_weight: How many hits a conflict outweighs.
         num_peaks: Translations kept for each rotation.
-        settings: How fine the cells are, None for the defaults: the finest from `PreparedMap.coarse_factor` on that
+        settings: How fine the cells are, None for the defaults: the finest from `COARSE_FACTOR` on that
             keep the blocks small enough.
 
     Returns:
@@ -81,10 +81,10 @@ def exhaustive_hypotheses(
     chosen = ExhaustiveConfig() if settings is None else settings
     points_a, points_b = _outermost(a), _outermost(b)
     radius = 0.5 * float(np.linalg.norm(np.ptp(points_b, axis=0)))
-    factor, placements = a.coarse_factor, []
+    factor, placements = COARSE_FACTOR, []
     # The finest cells whose blocks are small enough are taken: what is lost between cells grows with the cells, and
     # time with the blocks.
-    for factor in range(a.coarse_factor, max(a.coarse_factor, chosen.max_factor) + 1):
+    for factor in range(COARSE_FACTOR, max(COARSE_FACTOR, chosen.max_factor) + 1):
         cell = factor * a.grid.voxel_size
         # Half a cell at the far end of b is lost in the cells.
         turned = _quarter_turns_apart(frame @ rotations.astype(np.float64), 0.5 * cell / max(radius, cell))
@@ -114,6 +114,31 @@ def exhaustive_hypotheses(
     all_poses, all_scores = np.concatenate(poses), np.concatenate(scores) / 2.0
     order = np.argsort(-all_scores, kind="stable")
     return all_poses[order].astype(np.float32), all_scores[order]
+
+
+def needed_coarsening(
+    a: PreparedMap,
+    b: PreparedMap,
+    rotations: Float[np.ndarray, "k 3 3"],
+    frame: Float[np.ndarray, "3 3"],
+    settings: ExhaustiveConfig,
+) -> int:
+    """How many times as wide voxels must be for blocks of the widest cells to be small enough; 1 for most maps.
+
+    Args:
+        a: First map.
+        b: Second map.
+        rotations: Candidates, b into a.
+        frame: Rotation of a into the frame of the coarse block.
+        settings: How wide cells may be, and how many a block may have.
+    """
+    cell = max(COARSE_FACTOR, settings.max_factor) * a.grid.voxel_size
+    placements = _place(_outermost(a), _outermost(b), frame @ rotations.astype(np.float64), frame, cell)
+    boxes = np.asarray([place.box_a + place.box_b for place in placements], np.float64).reshape(-1, 3)
+    factor = 1
+    while (np.ceil(boxes / factor).prod(axis=1) > settings.most_cells).any():
+        factor += 1
+    return factor
 
 
 def _coarse_map(prepared: PreparedMap, factor: int) -> CoarseMap:

@@ -40,6 +40,7 @@ class LateFeatures:
         self._grid, self._max_virtual, self._planes = grid, max_virtual, planes
         self._settings = MapConfig() if settings is None else settings
         self._descriptors: dict[bool, MapDescriptors] = {}
+        self._coarser: dict[int, PreparedMap] = {}
 
     @cached_property
     def corners(self) -> Corners:
@@ -49,6 +50,13 @@ class LateFeatures:
         return corners_of_planes(
             self._grid, planes, virtual=True, virtual_reach=reach, max_virtual=self._max_virtual
         )
+
+    def coarser(self, factor: int) -> PreparedMap:
+        """The map in voxels `factor` times as wide, prepared, for sources that search maps of hundreds of metres."""
+        if factor not in self._coarser:
+            size = factor * self._grid.voxel_size
+            self._coarser[factor] = prepare_map(self._grid.with_voxel_size(size))
+        return self._coarser[factor]
 
     def descriptors(self, *, use_free_space: bool) -> MapDescriptors:
         """Local descriptors; both maps of a pair must agree on whether free space signs their normals."""

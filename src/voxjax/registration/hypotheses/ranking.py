@@ -32,9 +32,7 @@ def rank_poses(
     # Both ways count: where surfaces of a lie in free space of b, only the second way shows it.
     for target, other, direction in ((a, b, T), (b, a, rigid.inverse(T))):
         points = np.asarray(other.points)[sample_rows(other, num_points)]
-        shares = score_poses(
-            target.coarse_codes(target.coarse_factor), target.block, points, weights, direction
-        )
+        shares = score_poses(target.coarse_codes(), target.block, points, weights, direction)
         # The shares are of hits, of conflicts, and of what is undecided, which says nothing.
         total += np.asarray(shares) @ np.asarray([1.0, -conflict_weight, 0.0], np.float32)
     return total / 2

@@ -125,7 +125,7 @@ def _one_way(
         weights = np.full(num_points, 1.0 / num_points, np.float32)
     # Before refinement a right pose is off by about a coarse cell, and would seem to conflict with surfaces
     # that it fits.
-    codes = target.coarse_codes(target.coarse_factor) if is_coarse else target.codes
+    codes = target.coarse_codes() if is_coarse else target.codes
     shares, fixed = surface_evidence(
         codes, target.keys, target.block, target.sides, points, sides, weights, poses, is_signed
     )
