@@ -94,11 +94,11 @@ def box_rows(seed: int, voxel_size: float, folder: Path) -> Iterator[dict]:
 def cloud_of_site(seed: int) -> MapPair:
     """Two maps of a small site as clouds have it: surfaces alone, in voxels of 0.7 m."""
     pair = simulate_site(seed, Site(sides=(113.0, 117.0, 17.0), num_buildings=6, voxel_size=0.7))
-    clouds = (
+    a, b = (
         vx.VoxelGrid(np.where(grid.states == 2, 2, 0).astype(np.uint8), grid.origin, grid.voxel_size)
         for grid in (pair.a, pair.b)
     )
-    return MapPair(*clouds, pair.T_a_b, pair.overlap)
+    return MapPair(a, b, pair.T_a_b, pair.overlap)
 
 
 def site_cloud_row(seed: int) -> dict:

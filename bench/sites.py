@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 import voxjax as vx
 from bench.worlds import MapPair
-from voxjax.ops.blocks.block_array import BlockArray, BlockBuilder
+from voxjax.ops.blocks.block_array import BlockArray
+from voxjax.ops.blocks.block_builder import BlockBuilder
 from voxjax.ops.blocks.words import BLOCK
 from voxjax.synthetic import simulate_team
 

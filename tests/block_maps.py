@@ -7,7 +7,7 @@ import numpy as np
 import small_worlds
 import voxjax as vx
 from voxjax.ops.blocks import over_tiles
-from voxjax.ops.blocks.block_array import BlockBuilder
+from voxjax.ops.blocks.block_builder import BlockBuilder
 
 
 def in_blocks(grid):

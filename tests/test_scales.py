@@ -65,6 +65,7 @@ def test_register_knows_no_unit_of_length(maps, factor):
 def test_refine_knows_no_unit_of_length(maps, factor):
     point = maps[1].occupied_points().mean(axis=0)
     start = np.linalg.inv(T_MAP_WORLD) @ pose(yaw=1.0, translation=(0.1, -0.15, 0.1))
-    expected = vx.refine(*maps, start)
-    found = vx.refine(*(scaled(grid, factor) for grid in maps), scaled_pose(start, factor))
+    a, b = maps
+    expected = vx.refine(a, b, start)
+    found = vx.refine(scaled(a, factor), scaled(b, factor), scaled_pose(start, factor))
     check_same_pose(np.asarray(found.T_a_b), np.asarray(expected.T_a_b), factor, point)

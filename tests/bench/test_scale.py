@@ -64,6 +64,7 @@ def test_clouds_are_judged_at_three_voxel_sizes(maps):
 
 def test_two_buildings_stand_apart_where_the_pose_says():
     pair = apart(70, 30, 0.4)
+    assert pair.T_a_b is not None
     assert measure_overlap(pair.a, pair.b, pair.T_a_b) > 0.4
     # Both buildings are there, far from each other.
     points = pair.a.occupied_points()

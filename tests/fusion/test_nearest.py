@@ -13,7 +13,7 @@ import voxjax as vx
 from oracles.motions import cube_rotations, pose_of, random_pose, turned
 from voxjax import InputError, VoxelGrid
 from voxjax.fusion.nearest import plan_fusion
-from voxjax.ops.blocks.block_array import BlockBuilder, blocks_of
+from voxjax.ops.blocks.block_builder import BlockBuilder, blocks_of
 from voxjax.ops.blocks.chunked_array import ChunkedArray
 
 SIZE = 0.1

@@ -3,7 +3,7 @@
 import numpy as np
 
 from voxjax.io.block_tree import families, words_of
-from voxjax.ops.blocks.block_array import BlockBuilder, blocks_of
+from voxjax.ops.blocks.block_builder import BlockBuilder, blocks_of
 
 
 def test_words_have_two_bits_for_each_code():

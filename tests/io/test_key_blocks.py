@@ -5,7 +5,7 @@ import pytest
 from tests.ops.blocks.boxes import random_boxes
 
 from voxjax.io.key_blocks import key_block_codes, key_blocks, morton_codes, places_of_codes
-from voxjax.ops.blocks.block_array import blocks_of
+from voxjax.ops.blocks.block_builder import blocks_of
 
 
 def test_codes_and_places_are_each_others_inverse():

@@ -8,7 +8,7 @@ import pytest
 
 from voxjax import InputError, VoxelGrid
 from voxjax.io.npz import decode_npz, encode_npz
-from voxjax.ops.blocks.block_array import BlockBuilder, blocks_of
+from voxjax.ops.blocks.block_builder import BlockBuilder, blocks_of
 
 
 def make_grid(with_log_odds=False) -> VoxelGrid:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from oracles import octree as oracle
 from voxjax import InputError, VoxelGrid
 from voxjax.io.octomap import LOG_ODDS_FREE, LOG_ODDS_OCCUPIED, decode_bt, decode_ot, encode_bt, encode_ot
-from voxjax.ops.blocks.block_array import BlockBuilder
+from voxjax.ops.blocks.block_builder import BlockBuilder
 
 SIZE = 0.1
 

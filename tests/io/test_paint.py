@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from oracles import dense_paint
+import dense_paint
 from oracles import octree as oracle
 from voxjax import InputError, VoxelGrid
 from voxjax.io import leaf_parts

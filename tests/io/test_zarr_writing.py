@@ -12,7 +12,7 @@ import voxjax as vx
 from voxjax import InputError, VoxelGrid
 from voxjax.io import encode_map, load_map
 from voxjax.io.zarr_writing import MapStore
-from voxjax.ops.blocks.block_array import BlockBuilder, blocks_of
+from voxjax.ops.blocks.block_builder import BlockBuilder, blocks_of
 
 ORIGIN = (449_999.7, 5_400_000.1, 300.3)
 """A far frame whose numbers float32 does not hold."""

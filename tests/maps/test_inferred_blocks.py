@@ -8,7 +8,7 @@ from block_maps import far_apart, in_blocks, peak_of, turned_map
 from voxjax import VoxelGrid
 from voxjax.maps.inferred_blocks import infer_in_blocks
 from voxjax.maps.inferred_space import infer_free_space
-from voxjax.ops.blocks.block_array import blocks_of
+from voxjax.ops.blocks.block_builder import blocks_of
 
 
 def stripped(grid):

@@ -110,8 +110,8 @@ def test_half_a_scan_gets_too_little_and_stays_as_it_is(monkeypatch):
     half = VoxelGrid(states, grid.origin, grid.voxel_size)
     assert infer_free_space(half).num_free > 0
     made = []
-    table = prepared.nearest_table
-    monkeypatch.setattr(prepared, "nearest_table", lambda *a, **k: made.append(a) or table(*a, **k))
+    table = prepared.map_pools
+    monkeypatch.setattr(prepared, "map_pools", lambda *a, **k: made.append(a) or table(*a, **k))
     features = map_features(half, max_virtual=8)
     assert features.free_space == "unknown"
     assert features.prepared.grid.num_free == 0

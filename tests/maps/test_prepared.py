@@ -8,7 +8,7 @@ import pytest
 from small_worlds import draw_map, pose
 from voxjax import VoxelGrid
 from voxjax.maps.prepared import COARSE_FACTOR, draw_rows, map_surface, prepare_map
-from voxjax.ops.blocks.block_array import BlockBuilder
+from voxjax.ops.blocks.block_builder import BlockBuilder
 from voxjax.ops.evidence.lookup import lookup
 from voxjax.ops.evidence.nearest import split_keys
 from voxjax.ops.evidence.scoring import HIT

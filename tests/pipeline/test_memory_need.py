@@ -5,7 +5,7 @@ import pytest
 
 import voxjax as vx
 from voxjax import InputError, VoxelGrid
-from voxjax.ops.blocks.block_array import BlockBuilder
+from voxjax.ops.blocks.block_builder import BlockBuilder
 from voxjax.pipeline import many, memory_need, pair
 from voxjax.pipeline.memory_need import MapSize, check_register_memory, content_size, register_memory
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from voxjax import VoxelGrid
-from voxjax.ops.blocks.block_array import blocks_of
+from voxjax.ops.blocks.block_builder import blocks_of
 from voxjax.view.columns import free_columns, top_columns
 
 

@@ -17,7 +17,7 @@ from .._runtime.placement import is_traced
 from .._types import Array
 from ..frames import check_near, snapped, to_local
 from ..grid import VoxelGrid, check_grid, check_grids
-from ..ops.blocks.block_array import BlockBuilder
+from ..ops.blocks.block_builder import BlockBuilder
 from ..ops.resampling.lattice import check_num_voxels, check_places, moved_bounds, origin_of_cell
 from .nearest import ADVICE, BlockFusion, common_box, plan_fusion
 from .rules import RULES

@@ -15,7 +15,8 @@ from .._runtime.memory import check_memory
 from .._types import OCCUPIED, UNKNOWN
 from ..grid import VoxelGrid
 from ..maps.isolated import IsolatedPieces
-from ..ops.blocks.block_array import BlockArray, BlockBuilder
+from ..ops.blocks.block_array import BlockArray
+from ..ops.blocks.block_builder import BlockBuilder
 from .block_tree import families, words_of
 from .budget import Budget
 from .canvas import canvas_for

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from .._types import FREE, OCCUPIED, UNKNOWN
-from ..ops.blocks.block_array import BLOCK_VOXELS, BlockArray, BlockBuilder, lattice_shape
+from ..ops.blocks.block_array import BLOCK_VOXELS, BlockArray, lattice_shape
+from ..ops.blocks.block_builder import BlockBuilder
 from ..ops.blocks.words import BLOCK
 from .canvas import Canvas
 from .leaf_parts import CutLeaves, Parts

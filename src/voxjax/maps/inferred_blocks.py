@@ -4,7 +4,8 @@ import numpy as np
 from jaxtyping import Bool, Int32, UInt8
 
 from .._types import FREE, OCCUPIED
-from ..ops.blocks.block_array import BlockArray, BlockBuilder
+from ..ops.blocks.block_array import BlockArray
+from ..ops.blocks.block_builder import BlockBuilder
 from ..ops.blocks.edit import copy_blocks
 from ..ops.blocks.windows import TILE, Tile, cut_tiles
 from ..ops.blocks.words import BLOCK

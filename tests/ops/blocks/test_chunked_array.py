@@ -7,7 +7,7 @@ import pytest
 from tests.ops.blocks.boxes import random_boxes
 
 from voxjax import InputError, VoxelGrid
-from voxjax.ops.blocks.block_array import blocks_of
+from voxjax.ops.blocks.block_builder import blocks_of
 from voxjax.ops.blocks.chunked_array import ChunkedArray
 
 # Chunks of whole blocks, chunks that are not, and one chunk for all.

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.ops.blocks.boxes import random_boxes
 
-from voxjax.ops.blocks.block_array import BlockBuilder, blocks_of
+from voxjax.ops.blocks.block_builder import BlockBuilder, blocks_of
 from voxjax.ops.blocks.edit import copy_blocks, with_value, zeroed_outside
 
 SHAPES = [(17, 23, 9), (40, 8, 31), (64, 33, 64)]

@@ -7,7 +7,8 @@ from tests.ops.blocks.test_chunked_array import chunked
 
 from voxjax import InputError
 from voxjax.ops.blocks import kept
-from voxjax.ops.blocks.block_array import BlockArray, blocks_of
+from voxjax.ops.blocks.block_array import BlockArray
+from voxjax.ops.blocks.block_builder import blocks_of
 
 DENSE = random_boxes((40, 25, 33), seed=6)
 

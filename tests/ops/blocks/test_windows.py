@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.ops.blocks.boxes import random_boxes
 
-from voxjax.ops.blocks.block_array import blocks_of
+from voxjax.ops.blocks.block_builder import blocks_of
 from voxjax.ops.blocks.windows import cut_out, cut_tiles, tile_rows
 
 
@@ -66,6 +66,7 @@ def test_rows_of_a_list_are_those_of_the_tiles_they_lie_in():
     index = index[(index < (200, 70, 60)).all(axis=1)]
     seen = np.zeros(len(index), int)
     for tile, rows in tile_rows(cut_tiles(shape, halo=2, most=1 << 18), index):
+        assert isinstance(rows, np.ndarray)
         assert ((index[rows] >= tile.low) & (index[rows] < tile.high)).all()
         assert len(rows)
         assert (np.diff(rows) > 0).all()

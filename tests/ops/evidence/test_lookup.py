@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from voxjax._checks import InputError
 from voxjax._runtime.tables import reserve, table_length
-from voxjax.ops.blocks.block_array import blocks_of
+from voxjax.ops.blocks.block_builder import blocks_of
 from voxjax.ops.evidence.lookup import Block, cells_on_host, lookup, turn_columns, turned_on_host
 
 HUGE = (936, 1698, 174)

@@ -13,7 +13,7 @@ from device_path import device_path
 from near_fields import dense_field
 from oracles.evidence import nearest_brute_force
 from voxjax._checks import InputError
-from voxjax.ops.blocks.block_array import BlockBuilder, blocks_of
+from voxjax.ops.blocks.block_builder import BlockBuilder, blocks_of
 from voxjax.ops.evidence.align import align_poses
 from voxjax.ops.evidence.lookup import Block
 from voxjax.ops.evidence.map_tables import code_pool, map_pools

@@ -7,7 +7,7 @@ from tests.ops.blocks.boxes import random_boxes
 
 from oracles.motions import random_pose
 from voxjax import InputError
-from voxjax.ops.blocks.block_array import blocks_of
+from voxjax.ops.blocks.block_builder import blocks_of
 from voxjax.ops.resampling.block_lookup import (
     EMPTY,
     INSIDE,

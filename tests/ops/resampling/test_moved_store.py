@@ -8,7 +8,7 @@ from tests.ops.blocks.boxes import random_boxes
 from tests.ops.resampling.test_stored import stored_arrays
 
 from oracles.motions import random_pose
-from voxjax.ops.blocks.block_array import blocks_of
+from voxjax.ops.blocks.block_builder import blocks_of
 from voxjax.ops.resampling.block_lookup import EMPTY, OUTSIDE, MovedBlocks, runs
 from voxjax.ops.resampling.moved_store import MovedStore
 from voxjax.ops.resampling.rigid import source_from_target

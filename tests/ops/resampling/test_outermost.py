@@ -6,7 +6,8 @@ from tests.ops.blocks.boxes import random_boxes
 from tests.ops.resampling.test_stored import stored_arrays
 
 from oracles.motions import random_pose, random_rotation
-from voxjax.ops.blocks.block_array import BlockArray, blocks_of
+from voxjax.ops.blocks.block_array import BlockArray
+from voxjax.ops.blocks.block_builder import blocks_of
 from voxjax.ops.resampling.lattice import moved_bounds
 from voxjax.ops.resampling.outermost import outermost, outermost_in_blocks
 

@@ -10,8 +10,16 @@ from oracles.raycast import crossed_by_clipping
 from voxjax import VoxelGrid
 from voxjax._checks import InputError
 from voxjax._types import FREE, OCCUPIED, UNKNOWN
+from voxjax.ops.blocks.block_array import BlockArray
 from voxjax.ops.resampling import raycast
 from voxjax.ops.resampling.raycast import crossed_voxels, grid_from_points, mark_crossed_voxels
+
+
+def dense_from_points(*args, **options):
+    states, origin = grid_from_points(*args, **options)
+    assert isinstance(states, np.ndarray)
+    return states, origin
+
 
 SHAPE = (9, 7, 5)
 ROUNDING = 1e-4  # voxels: float32 may give or withhold a voxel that the ray only touches
@@ -67,7 +75,7 @@ def test_masked_rays_mark_nothing():
 
 def test_cloud_without_origins_marks_only_its_voxels():
     points = np.asarray([[0.05, -0.05, 0.31], [0.07, -0.02, 0.33], [1.04, 0.5, 0.3]], np.float32)
-    states, origin = grid_from_points(points, voxel_size=0.1)
+    states, origin = dense_from_points(points, voxel_size=0.1)
     assert states.dtype == np.uint8
     assert origin.dtype == np.float64
     np.testing.assert_allclose(origin, [0.0, -0.1, 0.3], atol=1e-6)
@@ -81,7 +89,7 @@ def test_cloud_without_origins_marks_only_its_voxels():
 def test_rays_free_what_they_cross_and_hits_win(seed, voxel_size):
     rng = np.random.default_rng(seed)
     points, origins = rng.normal(size=(2, 12, 3))
-    states, origin = grid_from_points(points, voxel_size=voxel_size, sensor_origins=origins)
+    states, origin = dense_from_points(points, voxel_size=voxel_size, sensor_origins=origins)
     np.testing.assert_allclose(origin / voxel_size, np.round(origin / voxel_size), atol=1e-4)
     low = np.round(origin.astype(np.float64) / voxel_size)
     lengths = [
@@ -107,7 +115,7 @@ def test_rays_end_in_the_voxels_of_their_points_on_borders_too(axis, voxel_size)
     points[:, axis], points[:, axis - 1] = ends, (row + 0.5) * voxel_size
     origins = points.copy()
     origins[:, axis] = -1000.5 * voxel_size
-    states, _ = grid_from_points(points, voxel_size=voxel_size, sensor_origins=origins)
+    states, _ = dense_from_points(points, voxel_size=voxel_size, sensor_origins=origins)
     rows = np.moveaxis(states, (axis, axis - 1), (1, 0))[:, :, 0]
     end = (last + 1001)[:, None]
     step = np.arange(rows.shape[1])[None, :]
@@ -132,14 +140,14 @@ def test_a_ray_over_a_border_by_less_than_float32_tells_reaches_its_end():
 
 def test_one_origin_serves_all_points():
     points = np.asarray([[1.05, 0.05, 0.05], [0.05, 1.05, 0.05]])
-    one = grid_from_points(points, voxel_size=0.1, sensor_origins=[0.05, 0.05, 0.05])
-    each = grid_from_points(points, voxel_size=0.1, sensor_origins=np.full((2, 3), 0.05))
+    one = dense_from_points(points, voxel_size=0.1, sensor_origins=[0.05, 0.05, 0.05])
+    each = dense_from_points(points, voxel_size=0.1, sensor_origins=np.full((2, 3), 0.05))
     assert np.array_equal(one[0], each[0])
     assert np.count_nonzero(one[0] == FREE) == 19
 
 
 def test_rays_beyond_the_range_free_space_and_occupy_nothing():
-    states, origin = grid_from_points(
+    states, origin = dense_from_points(
         np.asarray([[5.05, 0.05, 0.05]]), voxel_size=0.1, sensor_origins=[0.05, 0.05, 0.05], max_range=2.0
     )
     assert states.shape == (21, 1, 1)
@@ -148,7 +156,7 @@ def test_rays_beyond_the_range_free_space_and_occupy_nothing():
 
 
 def test_cloud_without_points_is_one_unknown_voxel():
-    states, _ = grid_from_points(np.zeros((0, 3)), voxel_size=0.1, sensor_origins=[0.0, 0.0, 0.0])
+    states, _ = dense_from_points(np.zeros((0, 3)), voxel_size=0.1, sensor_origins=[0.0, 0.0, 0.0])
     assert states.shape == (1, 1, 1)
     assert states[0, 0, 0] == UNKNOWN
 
@@ -173,7 +181,7 @@ def test_cloud_without_points_is_one_unknown_voxel():
 )
 def test_unusable_input_is_refused_in_one_sentence(points, options, words):
     with pytest.raises(InputError, match=words) as caught:
-        grid_from_points(points, **{"voxel_size": 0.1, **options})
+        dense_from_points(points, **{"voxel_size": 0.1, **options})
     assert "\n" not in str(caught.value)
 
 
@@ -187,10 +195,10 @@ def test_the_box_of_a_cloud_with_sensors_may_have_as_many_voxels_as_can_be_count
     monkeypatch.setenv("VOXJAX_MEMORY", "1")
     corners = np.array([[0.05, 0.05, 0.05], [204.75, 102.35, 51.15]])
     with pytest.raises(InputError, match=r"above the limit of 1,073,741,823"):
-        grid_from_points(corners, voxel_size=0.1, sensor_origins=corners)
+        dense_from_points(corners, voxel_size=0.1, sensor_origins=corners)
     # 512 x 1024 x 512 voxels: memory refuses what the count does not.
     with pytest.raises(InputError, match=r"needs about 1\.34 GB of memory"):
-        grid_from_points(corners / [4, 1, 1], voxel_size=0.1, sensor_origins=corners / [4, 1, 1])
+        dense_from_points(corners / [4, 1, 1], voxel_size=0.1, sensor_origins=corners / [4, 1, 1])
 
 
 def test_the_box_of_a_cloud_without_sensors_costs_what_is_in_it(monkeypatch):
@@ -220,5 +228,6 @@ def test_clouds_in_blocks_are_clouds_in_dense_arrays(seed):
     points = rng.normal(0, rng.uniform(0.1, 3, 3), (rng.integers(1, 400), 3))
     dense, origin = grid_from_points(points, voxel_size=0.1)
     blocks, there = grid_from_points(points, voxel_size=0.1, most_dense=0)
+    assert isinstance(blocks, BlockArray)
     np.testing.assert_array_equal(blocks.dense(), dense)
     np.testing.assert_array_equal(there, origin)

@@ -5,7 +5,8 @@ import pytest
 from tests.ops.blocks.boxes import random_boxes
 
 from voxjax import InputError, VoxelGrid
-from voxjax.ops.blocks.block_array import BlockArray, blocks_of
+from voxjax.ops.blocks.block_array import BlockArray
+from voxjax.ops.blocks.block_builder import blocks_of
 from voxjax.ops.resampling.rescale import rescale_states
 from voxjax.ops.resampling.rescale_blocks import rescale_blocks
 

@@ -12,7 +12,8 @@ import voxjax as vx
 from oracles import resampling as oracle
 from oracles.motions import cube_rotations, pose_of
 from voxjax import InputError
-from voxjax.ops.blocks.block_array import BlockArray, blocks_of
+from voxjax.ops.blocks.block_array import BlockArray
+from voxjax.ops.blocks.block_builder import blocks_of
 from voxjax.ops.resampling.interpolate import resample_nearest
 from voxjax.ops.resampling.rigid import resample_rigid, source_from_target
 

@@ -3,7 +3,7 @@
 import numpy as np
 from tests.ops.blocks.boxes import random_boxes
 
-from voxjax.ops.blocks.block_array import blocks_of
+from voxjax.ops.blocks.block_builder import blocks_of
 from voxjax.ops.resampling.stored import Stored
 
 

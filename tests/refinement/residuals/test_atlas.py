@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from voxjax.ops.blocks.block_array import blocks_of
+from voxjax.ops.blocks.block_builder import blocks_of
 from voxjax.refinement.residuals.atlas import AtlasField
 from voxjax.refinement.residuals.fields import Field, cells_around
 

@@ -15,7 +15,8 @@ from jaxtyping import Bool, Int, Int32, Shaped
 
 from ..._runtime.memory import check_memory, memory_limit
 from ..._runtime.threads import num_cores, spread
-from .block_array import BLOCK_VOXELS, BlockArray, BlockBuilder, Corner, Shape, is_uniform, split
+from .block_array import BLOCK_VOXELS, BlockArray, Corner, Shape, is_uniform
+from .block_builder import BlockBuilder, split
 from .windows import cut_out
 from .words import BLOCK
 

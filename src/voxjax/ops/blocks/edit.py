@@ -3,7 +3,8 @@
 import numpy as np
 from jaxtyping import Int
 
-from .block_array import BlockArray, BlockBuilder
+from .block_array import BlockArray
+from .block_builder import BlockBuilder
 from .words import BLOCK
 
 

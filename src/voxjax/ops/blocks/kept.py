@@ -10,7 +10,8 @@ from jaxtyping import Bool, Int, Int32, Shaped
 
 from ..._runtime.memory import check_memory
 from ..._types import Array
-from .block_array import BlockArray, Corner, blocks_of
+from .block_array import BlockArray, Corner
+from .block_builder import blocks_of
 from .chunked_array import ChunkedArray
 from .windows import cut_out
 from .words import BLOCK

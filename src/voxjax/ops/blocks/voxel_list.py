@@ -3,7 +3,8 @@
 import numpy as np
 from jaxtyping import Int
 
-from .block_array import BLOCK_VOXELS, BlockArray, BlockBuilder, Shape, lattice_shape
+from .block_array import BLOCK_VOXELS, BlockArray, Shape, lattice_shape
+from .block_builder import BlockBuilder
 from .words import BLOCK
 
 

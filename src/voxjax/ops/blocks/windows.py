@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from .block_array import BlockArray, BlockBuilder, lattice_shape
+from .block_array import BlockArray, lattice_shape
+from .block_builder import BlockBuilder
 from .words import BLOCK
 
 TILE = 1 << 24

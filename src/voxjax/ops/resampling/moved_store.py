@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Float32, Int, Shaped
 
-from ..blocks.block_array import blocks_of
+from ..blocks.block_builder import blocks_of
 from ..blocks.words import BLOCK
 from .block_lookup import MovedBlocks, check_target, images_of_middles
 from .stored import Stored

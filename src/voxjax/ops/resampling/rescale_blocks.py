@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Float, Float64, Int, Shaped
 
 from ..._runtime.memory import check_memory
-from ..blocks.block_array import BLOCK_VOXELS, BlockArray, BlockBuilder, lattice_shape, split
+from ..blocks.block_array import BLOCK_VOXELS, BlockArray, lattice_shape
+from ..blocks.block_builder import BlockBuilder, split
 from ..blocks.windows import cut_tiles
 from ..blocks.words import BLOCK
 from .axis_plans import AxisPlan, known_log_odds, plan_axis, take_largest, without_mark

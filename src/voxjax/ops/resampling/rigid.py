@@ -14,7 +14,8 @@ from jaxtyping import Float, Float32, Float64, Shaped, UInt8
 from ..._runtime.forks import refused_after_fork
 from ..._runtime.memory import check_memory
 from ...frames import snapped, to_local
-from ..blocks.block_array import BLOCK_VOXELS, BlockArray, BlockBuilder, blocks_of
+from ..blocks.block_array import BLOCK_VOXELS, BlockArray
+from ..blocks.block_builder import BlockBuilder, blocks_of
 from ..blocks.windows import cut_tiles
 from ..blocks.words import BLOCK
 from .block_lookup import LEVEL, MIXED, MovedBlocks, check_target, runs

@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Int, Shaped
 
-from ..blocks.block_array import lattice_shape, split
+from ..blocks.block_array import lattice_shape
+from ..blocks.block_builder import split
 from ..blocks.words import BLOCK
 
 Window = tuple[Shaped[np.ndarray, "x y z"], ...]

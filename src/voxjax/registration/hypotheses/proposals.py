@@ -108,22 +108,23 @@ def propose_exhaustively(
     # The frame of a alone serves both maps: b is brought into it by each of the rotations.
     frame = upright_frame(a.directions, a.shares)
     factor = needed_coarsening(a.prepared, b.prepared, rotations, frame, exhaustive)
-    maps = [each.prepared if factor == 1 else each.late.coarser(factor) for each in (a, b)]
+    first, second = (each.prepared if factor == 1 else each.late.coarser(factor) for each in (a, b))
     poses, _ = exhaustive_hypotheses(
-        *maps,
+        first,
+        second,
         rotations,
         frame,
         conflict_weight=conflict_weight,
         num_peaks=source.num_peaks,
         settings=exhaustive,
     )
-    counts = {"num_rotations": len(rotations)}
+    counts: dict[str, Any] = {"num_rotations": len(rotations)}
     if factor > 1:
         # Cells of coarser voxels are wider than what the map's own surface pulls in: that of the coarser one does.
         poses = refine_poses(
-            *maps, poses, num_points=1024, num_steps=15, start_distance=5.0, final_distance=1.5
+            first, second, poses, num_points=1024, num_steps=15, start_distance=5.0, final_distance=1.5
         )
-        counts["exhaustive_voxel_size"] = maps[0].grid.voxel_size
+        counts["exhaustive_voxel_size"] = first.grid.voxel_size
     return Proposals(poses, ("exhaustive",) * len(poses), len(poses), counts)
 
 
