@@ -5,6 +5,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
+from jaxtyping import Float
+
 from .._checks import InputError
 from .._runtime.mappings import release_kernels_if_crowded
 from ..grid import VoxelGrid
@@ -88,6 +91,20 @@ def features_at(grid: VoxelGrid, *, voxel_size: float, config: Config | None = N
     same = abs(grid.voxel_size - voxel_size) < 1e-6 * voxel_size
     # Kernels see the map around zero, wherever it lies in its own frame.
     local, origin = (part if same else part.with_voxel_size(voxel_size)).localized()
+    return features_of(local, origin, num_isolated, settings)
+
+
+def features_of(
+    local: VoxelGrid, origin: Float[np.ndarray, "3"], num_isolated: int, settings: Config
+) -> MapFeatures:
+    """`map_features` with the settings of all stages.
+
+    Args:
+        local: A map at the voxel size at which it is compared, in a frame in which it lies near zero.
+        origin: Origin of that frame in the frame of the map [m].
+        num_isolated: Occupied voxels that were left out of the map beforehand.
+        settings: Settings of the stages.
+    """
     return map_features(
         local,
         origin=origin,

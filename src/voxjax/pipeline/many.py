@@ -118,7 +118,7 @@ def merge(
         status=status,
         loops=tuple(loop_errors(grids, poses, pairs, tree)),
         seconds=stages.seconds | {"total": time.perf_counter() - start},
-        late=tuple(None if f is None else f.late for f in features),
+        late=tuple(None if f is None else f.searched.late for f in features),
     )
 
 

@@ -18,9 +18,10 @@ from ..maps.main_part import main_part
 from ..refinement.refine import Refinement, refine
 from ..registration.hypotheses.map_features import MapFeatures, worse_free_space
 from ..registration.hypotheses.pose_range import PoseRange
+from ..registration.hypotheses.proposals import Proposals, admit, propose_guess
 from ..registration.judging.conflict_pieces import weigh_pieces
-from ..registration.judging.leaders import find_leaders, merge_leaders
-from ..registration.judging.verdict import decide
+from ..registration.judging.leaders import Leaders, find_leaders, merge_leaders
+from ..registration.judging.verdict import Finding, decide
 from ..registration.paper.register import register_paper
 from ..registration.types import Registration
 from .as_registration import nothing_found, registration_of
@@ -29,6 +30,7 @@ from .features import features_at, working_voxel
 from .hypotheses import first_hypotheses, other_hypotheses
 from .memory_need import check_register_memory
 from .stage_times import Stages
+from .wide import coarser_features, needed_coarsening
 
 
 @refused_after_fork
@@ -145,6 +147,67 @@ def register_features(
     known = {"has_free_space": has_free_space, "is_inferred": free_space == "inferred"}
     release_kernels_if_crowded()
 
+    search = partial(
+        _search, settings=settings, known=known, stages=stages, pose_range=pose_range, guess=guess
+    )
+    factor = needed_coarsening(a, b, settings)
+    if factor == 1:
+        leaders, finding, counts = search(a, b)
+    else:
+        # Maps of hundreds of metres: the leaders in coarser voxels are the hypotheses.
+        with stages.stage("coarser features"):
+            coarse_a, coarse_b = (coarser_features(each, factor, settings) for each in (a, b))
+        rough, _, counts = search(coarse_a, coarse_b)
+        counts["coarse_voxel_size"] = coarse_a.prepared.grid.voxel_size
+        found = [Proposals(rough.poses, rough.sources, len(rough.poses), {})]
+        proposed = admit(found if guess is None else [propose_guess(guess), *found], pose_range)
+        with stages.stage("leaders"):
+            leaders = find_leaders(a.prepared, b.prepared, proposed, settings.leader, settings.evidence)
+            leaders = weigh_pieces(a.prepared, b.prepared, leaders, settings.verdict)
+        finding = decide(leaders.judgement, settings.verdict, **known)
+    # The second round may find nothing either; then there is no pose to refine.
+    if len(leaders.poses) == 0:
+        return nothing_found(finding.reason, RESULTS.too_few_corners, counts | {"seconds": stages.seconds})
+
+    # The pose: the best leader, refined once more against both maps, with its covariance.
+    with stages.stage("verdict"):
+        pose = _last_refinement(a, b, leaders.poses[0], settings.pose)
+    counts |= {"has_free_space": has_free_space, "free_space": free_space}
+    counts |= _isolated(a.num_isolated, b.num_isolated)
+    # Shares of the evidence are of both maps together, so counts for the report are too.
+    num_voxels = a.prepared.num_points + b.prepared.num_points
+    found = registration_of(
+        pose,
+        leaders,
+        finding,
+        settings.verdict,
+        num_voxels=num_voxels,
+        stats=counts | {"seconds": stages.seconds},
+    )
+    return found.from_local(a.origin, b.origin)
+
+
+def _search(
+    a: MapFeatures,
+    b: MapFeatures,
+    *,
+    settings: Config,
+    known: dict[str, bool],
+    stages: Stages,
+    pose_range: PoseRange,
+    guess: np.ndarray | None,
+) -> tuple[Leaders, Finding, dict[str, Any]]:
+    """Leaders of a pair, what is found of them, and what was counted on the way.
+
+    Args:
+        a: First map.
+        b: Second map.
+        settings: Settings of the stages.
+        known: What the verdict knows of the maps' free space.
+        stages: Keeps the seconds of each stage.
+        pose_range: The poses that can be.
+        guess: One more pose (4, 4) to try, or None.
+    """
     # 1. Hypotheses that need no corners: a guess, and all translations of the rotations that the normals allow.
     proposed = first_hypotheses(a, b, settings, guess=guess, pose_range=pose_range, stages=stages)
     counts = {"num_rounds": 1, "num_hypotheses": proposed.num_found, **proposed.counts}
@@ -167,26 +230,7 @@ def register_features(
             leaders = merge_leaders(a.prepared, b.prepared, leaders, found, settings.leader)
             leaders = weigh_pieces(a.prepared, b.prepared, leaders, settings.verdict)
         finding = decide(leaders.judgement, settings.verdict, **known)
-    # The second round may find nothing either; then there is no pose to refine.
-    if len(leaders.poses) == 0:
-        return nothing_found(finding.reason, RESULTS.too_few_corners, counts | {"seconds": stages.seconds})
-
-    # 5. The pose: the best leader, refined once more against both maps, with its covariance.
-    with stages.stage("verdict"):
-        pose = _last_refinement(a, b, leaders.poses[0], settings.pose)
-    counts |= {"has_free_space": has_free_space, "free_space": free_space}
-    counts |= _isolated(a.num_isolated, b.num_isolated)
-    # Shares of the evidence are of both maps together, so counts for the report are too.
-    num_voxels = a.prepared.num_points + b.prepared.num_points
-    found = registration_of(
-        pose,
-        leaders,
-        finding,
-        settings.verdict,
-        num_voxels=num_voxels,
-        stats=counts | {"seconds": stages.seconds},
-    )
-    return found.from_local(a.origin, b.origin)
+    return leaders, finding, counts
 
 
 def _isolated(num_a: int, num_b: int) -> dict[str, int]:

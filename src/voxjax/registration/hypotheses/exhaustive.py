@@ -116,29 +116,10 @@ def exhaustive_hypotheses(
     return all_poses[order].astype(np.float32), all_scores[order]
 
 
-def needed_coarsening(
-    a: PreparedMap,
-    b: PreparedMap,
-    rotations: Float[np.ndarray, "k 3 3"],
-    frame: Float[np.ndarray, "3 3"],
-    settings: ExhaustiveConfig,
-) -> int:
-    """How many times as wide voxels must be for blocks of the widest cells to be small enough; 1 for most maps.
-
-    Args:
-        a: First map.
-        b: Second map.
-        rotations: Candidates, b into a.
-        frame: Rotation of a into the frame of the coarse block.
-        settings: How wide cells may be, and how many a block may have.
-    """
-    cell = max(COARSE_FACTOR, settings.max_factor) * a.grid.voxel_size
-    placements = _place(_outermost(a), _outermost(b), frame @ rotations.astype(np.float64), frame, cell)
-    boxes = np.asarray([place.box_a + place.box_b for place in placements], np.float64).reshape(-1, 3)
-    factor = 1
-    while (np.ceil(boxes / factor).prod(axis=1) > settings.most_cells).any():
-        factor += 1
-    return factor
+def upright_sides(prepared: PreparedMap, frame: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
+    """Sides of a map's box in its `upright_frame`, longest first, float64 (3,) [m]."""
+    low, high = _box(_outermost(prepared), frame, prepared.grid.voxel_size)
+    return np.sort(high - low)[::-1]
 
 
 def _coarse_map(prepared: PreparedMap, factor: int) -> CoarseMap:

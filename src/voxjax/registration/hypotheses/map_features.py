@@ -40,7 +40,6 @@ class LateFeatures:
         self._grid, self._max_virtual, self._planes = grid, max_virtual, planes
         self._settings = MapConfig() if settings is None else settings
         self._descriptors: dict[bool, MapDescriptors] = {}
-        self._coarser: dict[int, PreparedMap] = {}
 
     @cached_property
     def corners(self) -> Corners:
@@ -50,13 +49,6 @@ class LateFeatures:
         return corners_of_planes(
             self._grid, planes, virtual=True, virtual_reach=reach, max_virtual=self._max_virtual
         )
-
-    def coarser(self, factor: int) -> PreparedMap:
-        """The map in voxels `factor` times as wide, prepared, for sources that search maps of hundreds of metres."""
-        if factor not in self._coarser:
-            size = factor * self._grid.voxel_size
-            self._coarser[factor] = prepare_map(self._grid.with_voxel_size(size))
-        return self._coarser[factor]
 
     def descriptors(self, *, use_free_space: bool) -> MapDescriptors:
         """Local descriptors; both maps of a pair must agree on whether free space signs their normals."""
@@ -81,6 +73,7 @@ class MapFeatures:
         late: Corners and descriptors, computed when first asked for.
         free_space: "observed" by the sensor, "inferred" from what encloses it, or "unknown".
         num_isolated: Occupied voxels of the map that lie far away from all the rest, and are not in its features.
+        coarser: Features of the map in voxels so many times as wide, of those that were asked for.
     """
 
     prepared: PreparedMap
@@ -91,11 +84,17 @@ class MapFeatures:
     late: LateFeatures
     free_space: str
     num_isolated: int = 0
+    coarser: dict[int, "MapFeatures"] = dataclasses.field(default_factory=dict)
 
     @property
     def corners(self) -> Corners:
         """Observed and virtual corners."""
         return self.late.corners
+
+    @property
+    def searched(self) -> "MapFeatures":
+        """Features that poses were looked for with: those of the coarsest copy, which only wide maps have."""
+        return self.coarser[max(self.coarser)] if self.coarser else self
 
 
 def map_features(

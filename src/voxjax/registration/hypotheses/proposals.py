@@ -17,11 +17,10 @@ from ..._runtime.threads import spread
 from .corners import frame_poses, subgraph_poses
 from .descriptors import descriptor_hypotheses
 from .distinct import distinct_poses
-from .exhaustive import exhaustive_hypotheses, needed_coarsening, upright_frame
+from .exhaustive import exhaustive_hypotheses, upright_frame
 from .map_features import MapFeatures
 from .pose_range import PoseRange
 from .ranking import rank_poses
-from .refining import refine_poses
 from .rotations import rotation_hypotheses
 from .settings import (
     DescriptorConfig,
@@ -105,27 +104,17 @@ def propose_exhaustively(
         max_rotations=source.max_rotations,
         settings=rotation,
     )
-    # The frame of a alone serves both maps: b is brought into it by each of the rotations.
-    frame = upright_frame(a.directions, a.shares)
-    factor = needed_coarsening(a.prepared, b.prepared, rotations, frame, exhaustive)
-    first, second = (each.prepared if factor == 1 else each.late.coarser(factor) for each in (a, b))
     poses, _ = exhaustive_hypotheses(
-        first,
-        second,
+        a.prepared,
+        b.prepared,
         rotations,
-        frame,
+        # The frame of a alone serves both maps: b is brought into it by each of the rotations.
+        upright_frame(a.directions, a.shares),
         conflict_weight=conflict_weight,
         num_peaks=source.num_peaks,
         settings=exhaustive,
     )
-    counts: dict[str, Any] = {"num_rotations": len(rotations)}
-    if factor > 1:
-        # Cells of coarser voxels are wider than what the map's own surface pulls in: that of the coarser one does.
-        poses = refine_poses(
-            first, second, poses, num_points=1024, num_steps=15, start_distance=5.0, final_distance=1.5
-        )
-        counts["exhaustive_voxel_size"] = first.grid.voxel_size
-    return Proposals(poses, ("exhaustive",) * len(poses), len(poses), counts)
+    return Proposals(poses, ("exhaustive",) * len(poses), len(poses), {"num_rotations": len(rotations)})
 
 
 def propose_corner_frames(

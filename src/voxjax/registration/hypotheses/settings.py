@@ -106,8 +106,8 @@ class ExhaustiveConfig(Settings, table="exhaustive"):
         max_factor: Coarse cells are at most so many voxels wide.
         max_cells: Cells are as fine as blocks of at most so many of them allow: three transforms of a block of a
             million cells take about 50 ms on one core.
-        most_cells: Maps so wide that blocks of the widest cells have more cells than this are searched in coarser
-            copies of themselves, and what is found there is refined on these.
+        most_cells: Maps so wide that blocks of the widest cells have more cells than this are registered in coarser
+            copies of themselves first (`pipeline/wide.py`).
     """
 
     max_factor: int = setting(6, low=2, high=100)
