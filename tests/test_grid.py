@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import voxjax as vx
 from voxjax import InputError, VoxelGrid
+from voxjax.ops.blocks.block_builder import blocks_of
 from voxjax.view import draw_grid
 
 
@@ -342,3 +343,22 @@ def test_places_of_occupied_voxels_come_in_blocks_of_planes(shape):
     index = VoxelGrid(states, np.zeros(3), 0.1).occupied_index()
     assert index.dtype == np.int32
     np.testing.assert_array_equal(index, np.argwhere(states == 2))
+
+
+def test_dense_views_of_blocks_are_made_once_where_small_and_cannot_be_written_in_vain():
+    states = np.zeros((9, 20, 11), np.uint8)
+    states[2:5, 3:17] = 1
+    log_odds = np.where(states, np.float32(-0.4), np.float32(0.0))
+    grid = VoxelGrid(blocks_of(states), np.zeros(3), 0.1, blocks_of(log_odds))
+    assert grid.states is grid.states
+    assert grid.log_odds is grid.log_odds
+    for values in (grid.states, grid.log_odds):
+        with pytest.raises(ValueError, match="read-only"):
+            values[0, 0, 0] = 1
+    own = grid.states.copy()
+    own[0, 0, 0] = 2
+    assert VoxelGrid(own, grid.origin, 0.1).num_occupied == 1
+    # A dense map is what it was given.
+    dense = VoxelGrid(own, grid.origin, 0.1)
+    dense.states[0, 0, 0] = 1
+    assert dense.num_occupied == 0

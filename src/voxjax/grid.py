@@ -115,12 +115,14 @@ class VoxelGrid(eqx.Module):
 
     @property
     def states(self) -> UInt8[Array, "x y z"]:
-        """States uint8 (x, y, z): 0 unknown, 1 free, 2 occupied; a dense array, made at each call of a map in blocks.
+        """States uint8 (x, y, z): 0 unknown, 1 free, 2 occupied; a dense array.
+
+        Of a map that is kept in blocks it is made when it is asked for, and read-only: make a `VoxelGrid` of a copy.
 
         Raises:
             InputError: If the map is kept in blocks, and there is not enough memory for the box.
         """
-        return self._states.dense() if isinstance(self._states, Sparse) else self._states
+        return self._states.view() if isinstance(self._states, Sparse) else self._states
 
     @property
     def log_odds(self) -> Float32[Array, "x y z"] | None:
@@ -129,7 +131,7 @@ class VoxelGrid(eqx.Module):
         Raises:
             InputError: As from `states`.
         """
-        return self._log_odds.dense() if isinstance(self._log_odds, Sparse) else self._log_odds
+        return self._log_odds.view() if isinstance(self._log_odds, Sparse) else self._log_odds
 
     @property
     def is_sparse(self) -> bool:

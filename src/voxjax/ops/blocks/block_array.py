@@ -113,6 +113,19 @@ class BlockArray(eqx.Module):
             check_memory(size, f"the dense array of {box} voxels", advice, on_device=False)
         return self.window((0, 0, 0), self.shape)
 
+    def view(self) -> Array:
+        """`dense`, but read-only: what somebody writes there would not reach the blocks. A small one is made once.
+
+        Raises:
+            InputError: As from `dense`.
+        """
+        is_small = self.num_voxels * self.dtype.itemsize <= 1 << 24
+        return self._small_view if is_small else read_only(self.dense())
+
+    @cached_property
+    def _small_view(self) -> Array:
+        return read_only(self.dense())
+
     def window(self, low: Corner, high: Corner) -> np.ndarray:
         """Voxels from `low` up to and without `high`, dense; 0 beyond the box.
 
@@ -244,6 +257,13 @@ def is_uniform(blocks: Shaped[np.ndarray, "n 8 8 8"]) -> Bool[np.ndarray, "n"]:
     words = flat.view(np.uint64) if flat.dtype.itemsize < 8 and flat.flags.c_contiguous else flat
     is_level = (words == words[:, :1]).all(axis=1)
     return is_level & (flat[:, : 8 // flat.dtype.itemsize] == flat[:, :1]).all(axis=1)
+
+
+def read_only(values: Array) -> Array:
+    """An array that nobody else holds, as one that cannot be written; those of JAX never can."""
+    if isinstance(values, np.ndarray):
+        values.flags.writeable = False
+    return values
 
 
 def lattice_shape(shape: tuple[int, ...]) -> Shape:

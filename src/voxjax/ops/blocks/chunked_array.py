@@ -105,6 +105,12 @@ class ChunkedArray:
             check_memory(size, f"the dense array of {box} voxels", _ADVICE, on_device=False)
         return self.window((0, 0, 0), self.shape)
 
+    def view(self) -> np.ndarray:
+        """`dense`, but read-only: what somebody writes there would not reach the store."""
+        found = self.dense()
+        found.flags.writeable = False
+        return found
+
     def window(self, low: Corner, high: Corner) -> np.ndarray:
         """Voxels from `low` up to and without `high`, dense; 0 beyond the box.
 
