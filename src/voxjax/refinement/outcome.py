@@ -8,7 +8,6 @@ from jaxtyping import Bool, Float, Int32
 
 from .._results import RESULTS
 from .._types import Array
-from .solve.covariance import PRIOR
 
 
 class Refinement(eqx.Module):
@@ -78,8 +77,8 @@ def unrefined_pose(start: Float[Array, "*starts 4 4"]) -> Refinement:
         # A RESULTS of several outcomes can only be made by selecting.
         choose = jax.vmap(lambda is_known: RESULTS.where(is_known, RESULTS.successful, RESULTS.empty_map))
         result = choose(jnp.zeros(batch, bool))
-    # It is the prior that `pose_covariance` gives to directions that nothing fixes.
-    unknown = np.broadcast_to(np.eye(6, dtype=np.float32) * np.float32(PRIOR**2), (*batch, 6, 6))
+    # There is no voxel whose size could say how little is known, as `pose_covariance` has it: a metre, and a radian.
+    unknown = np.broadcast_to(np.eye(6, dtype=np.float32), (*batch, 6, 6))
     return Refinement(start, unknown, result, *_without_a_step(batch))
 
 

@@ -60,7 +60,7 @@ def joint_covariance(
     scaled = sum(parts[1:], start=parts[0]) * units.reshape(-1)[:, None] * units.reshape(-1)[None, :]
     scaled = jnp.where(is_free[:, None] & is_free[None, :], scaled, 0.0)
     values, vectors = jnp.linalg.eigh(scaled)
-    spread = (vectors / (jnp.maximum(values, 0.0) + 1.0 / PRIOR**2)[None, :]) @ vectors.T
+    spread = (vectors / (jnp.maximum(values, 0.0) + 1.0 / (PRIOR * voxel_size) ** 2)[None, :]) @ vectors.T
     # The blocks on the diagonal are what is unknown of each map while the others are unknown too.
     each = jnp.arange(num_maps)
     own = spread.reshape(num_maps, 6, num_maps, 6)[each, :, each, :]
