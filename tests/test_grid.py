@@ -353,6 +353,7 @@ def test_dense_views_of_blocks_are_made_once_where_small_and_cannot_be_written_i
     assert grid.states is grid.states
     assert grid.log_odds is grid.log_odds
     for values in (grid.states, grid.log_odds):
+        assert values is not None
         with pytest.raises(ValueError, match="read-only"):
             values[0, 0, 0] = 1
     own = grid.states.copy()
