@@ -89,11 +89,8 @@ def _pieces(
                 both = (grid, None) if which == 0 else (None, grid)
                 yield both, T_site_building @ np.asarray(T_building_map, np.float64)
         if number:
-            for stretch in _road(rng, places[number - 1], place, site.voxel_size):
-                yield (
-                    (stretch if seen[0] else None, stretch if seen[1] and number > first else None),
-                    np.eye(4),
-                )
+            for one, other in _road(rng, places[number - 1], place, site.voxel_size):
+                yield (one if seen[0] else None, other if seen[1] and number > first else None), np.eye(4)
 
 
 def _place(rng: np.random.Generator, site: Site, number: int) -> np.ndarray:
@@ -108,8 +105,8 @@ def _place(rng: np.random.Generator, site: Site, number: int) -> np.ndarray:
 
 def _road(
     rng: np.random.Generator, start: np.ndarray, end: np.ndarray, voxel_size: float
-) -> Iterator[vx.VoxelGrid]:
-    """A road with a wall that has gaps along it, in stretches of some 20 m, with the free space that a robot saw."""
+) -> Iterator[tuple[vx.VoxelGrid, vx.VoxelGrid]]:
+    """A road with a wall that has gaps along it, in stretches of some 20 m, seen twice, each time with other noise."""
     length = float(np.linalg.norm(end - start))
     num = max(round(length / 20.0), 1)
     along = (end - start) / length
@@ -128,11 +125,18 @@ def _road(
                 start + wall_s[:, None] * along + 2.0 * across + wall_h[:, None] * up,
             ]
         )
-        points += rng.normal(scale=0.01, size=points.shape)
         # The robot stops every two metres, and sees what is nearest to it.
         at = np.rint(np.concatenate([ground_s, wall_s]) / 2.0) * 2.0
         sensors = start + at[:, None] * along + 1.2 * up
-        yield vx.VoxelGrid.from_points(points, voxel_size=voxel_size, sensor_origins=sensors)
+        one, other = (
+            vx.VoxelGrid.from_points(
+                points + rng.normal(scale=0.02, size=points.shape),
+                voxel_size=voxel_size,
+                sensor_origins=sensors,
+            )
+            for _ in range(2)
+        )
+        yield one, other
 
 
 def paste(grids: Sequence[vx.VoxelGrid]) -> vx.VoxelGrid:
