@@ -10,11 +10,14 @@ import numpy as np
 from bench.kernel_row import KernelRow, Target
 from bench.kernel_rows.checks import check_equal, temporary_bytes
 from bench.kernel_rows.scene import rooms
+from voxjax._runtime.threads import num_cores
 from voxjax._types import OCCUPIED
 from voxjax.ops.window.box import box_count
+from voxjax.ops.window.class_tiles import TILE
 from voxjax.ops.window.classes import (
     classes_in_passes,
     classes_of_counts,
+    classes_within,
     count_change,
     count_steady_directions,
     shift_directions,
@@ -55,15 +58,28 @@ def _classes(side: int, on_gpu: bool) -> KernelRow:
     calls["steady directions alone"] = functools.partial(count_steady_directions, grid, _MIN_CHANGE)
     return KernelRow(
         name=f"window_classes {_SIZE}, {side}^3",
-        ours="pallas" if on_gpu else "one pass",
+        ours=name,
         candidates=calls,
         count=host.size,
         unit="voxel",
         bytes_moved=2.0 * host.size,
         targets=(Target("two steps", 1.3),),
-        temporary_bytes=temporary_bytes(passes),
-        note="two steps: box_count of the padded grid, kept, then its classes; tiles hold counts of a few tiles alone",
+        temporary_bytes=temporary_bytes(passes) if on_gpu else _bytes_of_tiles(grid.shape),
+        max_temporary=0.0 if on_gpu else 1.0,
+        note="two steps: box_count of the padded grid, kept, then its classes; tiles: all that one takes, on each core",
     )
+
+
+def _bytes_of_tiles(shape: tuple[int, ...]) -> int | None:
+    """What is held while a grid is classified tile by tile: a tile a core, with its kernel's memory and classes."""
+    sides = [min(length, most) + 2 * (_SIZE // 2 + _SHIFT) for length, most in zip(shape, TILE, strict=True)]
+    tile = jax.ShapeDtypeStruct(sides, np.uint8)
+    kernel = classes_within.lower(tile, _MIN_CHANGE, size=_SIZE, shift=_SHIFT).compile()
+    memory = kernel.memory_analysis()
+    if memory is None:
+        return None
+    held = memory.argument_size_in_bytes + memory.temp_size_in_bytes + memory.output_size_in_bytes
+    return num_cores() * int(held)
 
 
 def _change(side: int) -> KernelRow:

@@ -18,7 +18,11 @@ def separable(is_occupied: Array, size: int, margin: int = 0) -> jax.Array:
     """
     halo = size // 2 + margin
     # `lax.pad` runs once, before the passes on CPU and within the first one on GPU.
-    ones = jax.lax.pad(is_occupied.astype(jnp.uint8), jnp.uint8(0), [(halo, halo, 0)] * 3)
+    return sums_within(jax.lax.pad(is_occupied.astype(jnp.uint8), jnp.uint8(0), [(halo, halo, 0)] * 3), size)
+
+
+def sums_within(ones: Array, size: int) -> jax.Array:
+    """Sums over the windows that lie in a grid of 0 and 1, uint8, as a whole: `size` - 1 fewer along each axis."""
     return _sum_rows_and_planes(_sum_along(ones, 2, size, size), size)
 
 
@@ -69,7 +73,7 @@ def _sum_rows_and_planes(counts: Array, size: int) -> jax.Array:
     return _sum_along(jax.lax.optimization_barrier(counts), 0, size, 255 // size**2).astype(jnp.uint16)
 
 
-def _sum_along(counts: jax.Array, axis: int, size: int, num_narrow: int) -> jax.Array:
+def _sum_along(counts: Array, axis: int, size: int, num_narrow: int) -> jax.Array:
     """Sums of `size` neighbours, `size` - 1 fewer than there were; the sum of `num_narrow` terms fits uint8.
 
     All terms are added in one loop. Sums of 1, 2 and 4 terms would need fewer additions, but one array more for

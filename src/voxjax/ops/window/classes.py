@@ -21,7 +21,7 @@ from .box import MAX_SIZE as MAX_SIZE
 from .box import Occupied as Occupied
 from .box import box_count as box_count
 from .box import check_occupied, check_shift, check_size
-from .box_sums import separable
+from .box_sums import separable, sums_within
 from .class_tiles import classes_in_tiles, is_worth_tiles
 
 
@@ -120,9 +120,9 @@ def window_classes(
         shift: Voxels moved along each axis of a direction, 1 to 64.
         implementation: "passes": whole-array passes in one kernel, on any device and under JAX's transformations;
             temporary memory of about 3.3 bytes a voxel. "tiles": the same in tiles (`class_tiles`), on a CPU and
-            outside of transformations alone. "pallas": two kernels, on a GPU only; the second reads counts only near
-            occupied voxels. None takes "tiles" for large grids where they can run, else "passes": "pallas" was not yet
-            measured.
+            outside of transformations alone; temporary memory of 4 MB a core at most for windows of 7. "pallas": two
+            kernels, on a GPU only; the second reads counts only near occupied voxels. None takes "tiles" from four
+            million voxels on where they can run, else "passes": "pallas" was not yet measured.
 
     Returns:
         uint8: 0 not occupied, 1 flat (two steady directions or more), 2 edge (one), 3 corner (none).
@@ -149,7 +149,7 @@ def window_classes(
         )
     if implementation == "passes" or not (can_be_cut and (implementation or is_worth_tiles(occupied.shape))):
         return classes_in_passes(occupied, min_change, size=size, shift=shift)
-    classes = partial(classes_in_passes, min_change=min_change, size=size, shift=shift)
+    classes = partial(classes_within, min_change=min_change, size=size, shift=shift)
     # A class depends on counts one move away, and these on half a window more.
     return classes_in_tiles(classes, occupied, reach=size // 2 + shift)
 
@@ -161,6 +161,20 @@ def classes_in_passes(
     """`window_classes` in one kernel, which holds the counts while it runs; they are no result."""
     counts = _counts_with_margin(occupied, size, shift)
     return classes_of_counts(counts, occupied, min_change, shift)
+
+
+@partial(jax.jit, static_argnames=("size", "shift"))
+def classes_within(
+    ones: UInt8[Array, "x y z"], min_change: Array, *, size: int, shift: int
+) -> UInt8[Array, "a b c"]:
+    """`window_classes` of the inner voxels of a grid of 0 and 1: those whose windows, moved, lie in it as a whole.
+
+    They are `size // 2 + shift` voxels or more from each side of the grid.
+    """
+    reach = size // 2 + shift
+    counts = jax.lax.optimization_barrier(sums_within(ones, size))
+    inner = jax.lax.slice(ones, [reach] * 3, [length - reach for length in ones.shape])
+    return classes_of_counts(counts, inner, min_change, shift)
 
 
 def classes_of_counts(counts: Array, occupied: Array, min_change: Array, shift: int) -> jax.Array:
