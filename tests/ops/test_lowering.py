@@ -8,10 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from device_path import lowered_for_cuda
+from device_path import lowered_for_cuda, rounded_products
+from small_codes import mesh_of
 from voxjax import ops
 from voxjax.ops.descriptors.tiles import NearTiles
 from voxjax.ops.evidence.correlate import coarse_spectra, correlation_peaks
+from voxjax.ops.large.sharded_blocks import ShardedBlocks
+from voxjax.ops.large.sharded_scoring import ShardedCodes
 from voxjax.ops.surface.faces import corner_faces
 from voxjax.ops.surface.neighbourhood import ball_sums, neighbourhood
 from voxjax.ops.surface.soft_planes import soft_planes
@@ -124,16 +127,45 @@ def test_planes_of_occupancies_and_their_gradient_are_lowered_for_cuda() -> None
     assert lowered_for_cuda(jax.grad(loss), _of(jnp.float32, 60))
 
 
+PART = (_of(jnp.uint8, 64, 8, 8, 8), _of(jnp.int32, 1024), _of(jnp.int32, 1, 3), _of(jnp.int32, 64, 3))
+PLACE = ops.Block(np.asarray((64, 40, 32), np.int32), np.zeros(3, np.float32), np.asarray(0.1, np.float32))
+IN_PARTS = {
+    "classes_in_shards": (ops.classes_in_shards, (*PART, _of(jnp.int32))),
+    "count_in_shards": (ops.count_in_shards, PART),
+    "score_in_shards": (
+        lambda blocks, *lists: ops.score_in_shards(ShardedCodes(blocks, PLACE), *lists),
+        (*PART, POINTS, WEIGHTS, POSES),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", IN_PARTS)
+def test_kernels_of_maps_in_parts_are_lowered_for_cuda(name: str) -> None:
+    kernel, shapes = IN_PARTS[name]
+
+    def of_one_part(
+        pool: jax.Array, table: jax.Array, span: jax.Array, places: jax.Array, *others: jax.Array
+    ) -> jax.Array:
+        return kernel(ShardedBlocks(pool, table, span, places, (64, 40, 32), 2, mesh_of(1)), *others)
+
+    # The mesh says where the kernel runs: `lowered_for_cuda` has one of its own.
+    text = jax.export.export(jax.jit(of_one_part), platforms=("cuda",))(*shapes).mlir_module()
+    assert not rounded_products(text)
+
+
 def test_no_public_kernel_is_left_out() -> None:
     on_host = {
         "backward_affine",
         "connected_components",
+        "gather_blocks",
         "gather_shards",
         "list_blocks",
         "map_shards",
         "map_tiles",
         "near_tiles",
         "point_tree",
+        "shard_blocks",
+        "shard_codes",
         "shard_grid",
     }
     within_others = {
@@ -143,6 +175,6 @@ def test_no_public_kernel_is_left_out() -> None:
         "split_keys",
         "take_from_blocks",
     }
-    named = {name.split()[0] for name in KERNELS}
+    named = {name.split()[0] for name in (*KERNELS, *IN_PARTS)}
     what_they_take = {"Block"}
     assert set(ops.__all__) <= named | on_host | within_others | what_they_take

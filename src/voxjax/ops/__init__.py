@@ -20,6 +20,9 @@ from .evidence.lookup import Block
 from .evidence.nearest import nearest_field, split_keys
 from .evidence.scoring import evidence_codes, score_poses, surface_evidence
 from .large.sharded import gather_shards, map_shards, shard_grid
+from .large.sharded_blocks import gather_blocks, shard_blocks
+from .large.sharded_scoring import score_in_shards, shard_codes
+from .large.sharded_windows import classes_in_shards, count_in_shards
 from .large.tiles import map_tiles
 from .resampling.interpolate import backward_affine, resample_nearest, resample_trilinear
 from .surface.moments import surface_moments
@@ -32,15 +35,18 @@ __all__ = [
     "backward_affine",
     "box_count",
     "box_count_at",
+    "classes_in_shards",
     "connected_components",
     "count_change",
     "count_in_blocks",
+    "count_in_shards",
     "count_steady_directions",
     "cut_blocks",
     "dense_from_blocks",
     "distance_field",
     "eigen_by_columns",
     "evidence_codes",
+    "gather_blocks",
     "gather_shards",
     "grow_regions",
     "label_voxels",
@@ -56,7 +62,10 @@ __all__ = [
     "point_tree",
     "resample_nearest",
     "resample_trilinear",
+    "score_in_shards",
     "score_poses",
+    "shard_blocks",
+    "shard_codes",
     "shard_grid",
     "split_keys",
     "surface_evidence",

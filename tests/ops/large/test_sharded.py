@@ -1,8 +1,4 @@
 import functools
-import os
-import socket
-import subprocess
-import sys
 from pathlib import Path
 
 import jax
@@ -12,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from host_devices import lines_of, start, start_joined
 from oracles import sliding_window
 from voxjax._checks import InputError
 from voxjax.ops.large.sharded import gather_shards, map_shards, shard_grid
@@ -19,7 +16,6 @@ from voxjax.ops.window.classes import box_count, count_change
 
 WORKER = Path(__file__).parent / "sharded_worker.py"
 COUNT_5 = functools.partial(box_count, size=5)
-LIMIT_S = 120
 
 
 def _mesh(shape=(2,)):
@@ -30,34 +26,8 @@ def _random(shape, share=0.3, seed=0):
     return np.random.default_rng(seed).random(shape) < share
 
 
-def _start(arguments, devices):
-    """The worker in a process of its own, with so many host devices."""
-    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={devices}"
-    environment = os.environ | {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"}
-    return subprocess.Popen(
-        [sys.executable, str(WORKER), *map(str, arguments)],
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-
-
-def _lines(processes):
-    """What each process printed, after it has ended well."""
-    try:
-        ended = [process.communicate(timeout=LIMIT_S) for process in processes]
-    finally:
-        for process in processes:
-            process.kill()
-    for process, (_, errors) in zip(processes, ended, strict=True):
-        assert process.returncode == 0, errors[-3000:]
-    # Gloo prints lines of its own.
-    return [[line for line in out.splitlines() if line.startswith("equal on")] for out, _ in ended]
-
-
 def test_counts_over_two_four_and_eight_devices_equal_the_definition():
-    (lines,) = _lines([_start(["devices"], 8)])
+    (lines,) = lines_of([start(WORKER, ["devices"], devices=8)])
     assert lines == [
         "equal on 2 devices as (2,)",
         "equal on 4 devices as (4,)",
@@ -68,13 +38,7 @@ def test_counts_over_two_four_and_eight_devices_equal_the_definition():
 
 
 def test_counts_over_two_processes_equal_the_definition():
-    try:
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            port = probe.getsockname()[1]
-    except OSError as error:
-        pytest.skip(f"this machine grants no port on the loopback address: {error}")
-    lines = _lines([_start(["process", port, 2, rank], 2) for rank in range(2)])
+    lines = lines_of(start_joined(WORKER, [], processes=2, devices=2))
     assert lines == [["equal on 4 devices as (4,)", "equal on 4 devices as (2, 2)"]] * 2
 
 

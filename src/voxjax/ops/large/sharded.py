@@ -142,11 +142,14 @@ def map_shards(kernel: Callable[[jax.Array], jax.Array], grid: ShardedGrid, *, h
 @refused_after_fork
 def gather_shards(grid: ShardedGrid) -> np.ndarray:
     """The whole grid without its padding, on the host of every process; all processes must call it."""
-    if grid.values.is_fully_addressable:
-        whole = np.asarray(grid.values)
-    else:
-        whole = np.asarray(multihost_utils.process_allgather(grid.values, tiled=True))
-    return whole[tuple(slice(side) for side in grid.shape)]
+    return fetched(grid.values)[tuple(slice(side) for side in grid.shape)]
+
+
+def fetched(values: Shaped[jax.Array, "*n"]) -> Shaped[np.ndarray, "*n"]:
+    """All parts of an array on the host of every process; all processes must call it."""
+    if values.is_fully_addressable:
+        return np.asarray(values)
+    return np.asarray(multihost_utils.process_allgather(values, tiled=True))
 
 
 def _with_halo(block: jax.Array, axis: int, name: str, parts: int, halo: int) -> jax.Array:
