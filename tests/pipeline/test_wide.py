@@ -1,14 +1,19 @@
 """Maps of hundreds of metres, by a setting for which a small building is one."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 import voxjax as vx
 from small_worlds import draw_map, pose
+from voxjax.maps.prepared import FIELD_RADIUS
 from voxjax.metrics import pose_error
+from voxjax.pipeline import pair, wide
 from voxjax.pipeline.config import config_from
 from voxjax.pipeline.features import features_at
-from voxjax.pipeline.wide import coarser_features, needed_coarsening
+from voxjax.pipeline.wide import coarser_features, finer_factors, needed_coarsening
+from voxjax.registration.judging.leaders import find_leaders
 
 VOXEL = 0.1
 T_MAP_WORLD = pose(yaw=-71.0, tilt=25.0, translation=(-4.0, 2.5, 0.7))
@@ -46,6 +51,32 @@ def test_a_guess_is_tried_in_fine_voxels_too(maps):
     )
     assert found.verdict == "accepted"
     assert found.hypotheses[0].source == "guess"
+
+
+def test_poses_pass_copies_that_refinement_can_step_between(maps):
+    assert finer_factors(2) == [1]
+    assert finer_factors(FIELD_RADIUS) == [1]
+    assert finer_factors(FIELD_RADIUS + 1) == [2, 1]
+    for factor in range(2, 200):
+        passed = [factor, *finer_factors(factor)]
+        assert passed[-1] == 1
+        assert all(1 < before / after <= FIELD_RADIUS for before, after in pairwise(passed))
+
+
+def test_a_pose_from_far_coarser_copies_is_as_good(maps, monkeypatch):
+    passed = []
+    monkeypatch.setattr(wide, "find_leaders", lambda a, *args: passed.append(a) or find_leaders(a, *args))
+    # Poses of these copies are off by more than refinement at the working size could make good in one step.
+    monkeypatch.setattr(pair, "needed_coarsening", lambda a, b, settings: 6)
+    truth = np.linalg.inv(T_MAP_WORLD)
+    silent = dict.fromkeys(("exhaustive", "corners", "subgraph", "descriptors"), False)
+    off = np.array(truth)
+    off[:3, 3] += (0.5, -0.3, 0.4)
+    found = vx.register(*maps, config={"source": silent}, init_guess=off)
+    assert found.stats["coarse_voxel_size"] == pytest.approx(6 * VOXEL)
+    assert [a.grid.voxel_size for a in passed] == pytest.approx([2 * VOXEL, VOXEL])
+    error = pose_error(np.asarray(found.T_a_b), truth, maps[1].occupied_points().mean(axis=0))
+    assert error.metres < 0.3 * VOXEL
 
 
 def test_coarsening_is_the_least_that_is_enough_and_its_features_are_made_once(maps):

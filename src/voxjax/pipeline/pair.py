@@ -18,7 +18,6 @@ from ..maps.main_part import main_part
 from ..refinement.refine import Refinement, refine
 from ..registration.hypotheses.map_features import MapFeatures, worse_free_space
 from ..registration.hypotheses.pose_range import PoseRange
-from ..registration.hypotheses.proposals import Proposals, admit, propose_guess
 from ..registration.judging.conflict_pieces import weigh_pieces
 from ..registration.judging.leaders import Leaders, find_leaders, merge_leaders
 from ..registration.judging.verdict import Finding, decide
@@ -30,7 +29,7 @@ from .features import features_at, working_voxel
 from .hypotheses import first_hypotheses, other_hypotheses
 from .memory_need import check_register_memory
 from .stage_times import Stages
-from .wide import coarser_features, needed_coarsening
+from .wide import leaders_by_coarser_copies, needed_coarsening
 
 
 @refused_after_fork
@@ -154,15 +153,10 @@ def register_features(
     if factor == 1:
         leaders, finding, counts = search(a, b)
     else:
-        # Maps of hundreds of metres: the leaders in coarser voxels are the hypotheses.
-        with stages.stage("coarser features"):
-            coarse_a, coarse_b = (coarser_features(each, factor, settings) for each in (a, b))
-        rough, _, counts = search(coarse_a, coarse_b)
-        counts["coarse_voxel_size"] = coarse_a.prepared.grid.voxel_size
-        found = [Proposals(rough.poses, rough.sources, len(rough.poses), {})]
-        proposed = admit(found if guess is None else [propose_guess(guess), *found], pose_range)
+        leaders, counts = leaders_by_coarser_copies(
+            a, b, factor, search, settings=settings, stages=stages, pose_range=pose_range, guess=guess
+        )
         with stages.stage("leaders"):
-            leaders = find_leaders(a.prepared, b.prepared, proposed, settings.leader, settings.evidence)
             leaders = weigh_pieces(a.prepared, b.prepared, leaders, settings.verdict)
         finding = decide(leaders.judgement, settings.verdict, **known)
     # The second round may find nothing either; then there is no pose to refine.

@@ -1,13 +1,23 @@
 """Maps of hundreds of metres: coarser copies, in which poses are looked for before they are judged in fine voxels."""
 
 import dataclasses
+from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import numpy as np
 
+from .._runtime.threads import spread
+from ..maps.prepared import FIELD_RADIUS
 from ..registration.hypotheses.exhaustive import upright_frame, upright_sides
 from ..registration.hypotheses.map_features import MapFeatures
+from ..registration.hypotheses.pose_range import PoseRange
+from ..registration.hypotheses.proposals import Proposals, admit, propose_guess
+from ..registration.judging.leaders import Leaders, find_leaders
+from ..registration.judging.verdict import Finding
 from .config import Config
 from .features import features_of
+from .stage_times import Stages
 
 
 def needed_coarsening(a: MapFeatures, b: MapFeatures, settings: Config) -> int:
@@ -27,17 +37,75 @@ def needed_coarsening(a: MapFeatures, b: MapFeatures, settings: Config) -> int:
     return factor
 
 
+def finer_factors(factor: int) -> list[int]:
+    """How many times as wide voxels are in each copy that poses pass on their way from the coarsest one, down to 1.
+
+    Args:
+        factor: That of the coarsest copy, above 1.
+    """
+    factors = []
+    while factor > 1:
+        # A refined pose is good to a voxel of its copy, and refinement in finer ones reaches so many voxels far.
+        factor = -(-factor // FIELD_RADIUS)
+        factors.append(factor)
+    return factors
+
+
 def coarser_features(features: MapFeatures, factor: int, settings: Config) -> MapFeatures:
     """Features of a map in voxels `factor` times as wide, in the same local frame; made once for all pairs of the map.
 
     Args:
         features: Features at the working voxel size.
-        factor: A whole number above 1.
+        factor: A whole number; 1 gives the features themselves.
         settings: Settings of the stages.
     """
+    if factor == 1:
+        return features
     if factor not in features.coarser:
         grid = features.prepared.grid
         found = features_of(grid.with_voxel_size(factor * grid.voxel_size), features.origin, 0, settings)
         # Free space that was inferred in fine voxels is still inferred.
         features.coarser[factor] = dataclasses.replace(found, free_space=features.free_space)
     return features.coarser[factor]
+
+
+def leaders_by_coarser_copies(
+    a: MapFeatures,
+    b: MapFeatures,
+    factor: int,
+    search: Callable[[MapFeatures, MapFeatures], tuple[Leaders, Finding, dict[str, Any]]],
+    *,
+    settings: Config,
+    stages: Stages,
+    pose_range: PoseRange,
+    guess: np.ndarray | None,
+) -> tuple[Leaders, dict[str, Any]]:
+    """Leaders of a pair of wide maps, which were leaders in coarser voxels before, and what was counted on the way.
+
+    Args:
+        a: First map.
+        b: Second map.
+        factor: How many times as wide voxels are in the copies that poses are looked for in, above 1.
+        search: Finds leaders of two maps.
+        settings: Settings of the stages.
+        stages: Keeps the seconds of each stage.
+        pose_range: The poses that can be.
+        guess: One more pose (4, 4) to try, or None.
+    """
+
+    def copies(factor: int) -> list[MapFeatures]:
+        with stages.stage("coarser features"):
+            return spread(partial(coarser_features, factor=factor, settings=settings), (a, b))
+
+    coarsest = copies(factor)
+    leaders, _, counts = search(*coarsest)
+    counts["coarse_voxel_size"] = coarsest[0].prepared.grid.voxel_size
+    for finer in finer_factors(factor):
+        finer_a, finer_b = copies(finer)
+        found = [Proposals(leaders.poses, leaders.sources, len(leaders.poses), {})]
+        proposed = admit(found if guess is None else [propose_guess(guess), *found], pose_range)
+        with stages.stage("leaders"):
+            leaders = find_leaders(
+                finer_a.prepared, finer_b.prepared, proposed, settings.leader, settings.evidence
+            )
+    return leaders, counts

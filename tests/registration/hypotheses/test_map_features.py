@@ -1,12 +1,15 @@
 """Features of a map: what is made at once, and what on demand and once."""
 
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 
 from small_worlds import draw_map, pose
 from voxjax.pipeline.config import config_from
 from voxjax.pipeline.features import features_at
 from voxjax.planes.settings import PlaneConfig
-from voxjax.registration.hypotheses.map_features import map_features
+from voxjax.registration.hypotheses.map_features import LateFeatures, map_features
 
 
 def test_directions_are_those_of_the_walls_and_the_rest_is_made_once():
@@ -18,6 +21,19 @@ def test_directions_are_those_of_the_walls_and_the_rest_is_made_once():
     assert (np.diff(features.shares) <= 0).all()
     assert features.corners is features.corners
     assert features.late.descriptors(use_free_space=True) is features.late.descriptors(use_free_space=True)
+
+
+def test_corners_of_two_maps_are_found_side_by_side(monkeypatch):
+    both, found = threading.Barrier(2), map_features(draw_map(), max_virtual=8).corners
+
+    def find(self):
+        both.wait(timeout=20)
+        return found
+
+    monkeypatch.setattr(LateFeatures, "_find_corners", find)
+    late = [LateFeatures(draw_map(), max_virtual=8) for _ in range(2)]
+    with ThreadPoolExecutor(2) as threads:
+        assert all(each is found for each in threads.map(lambda each: each.corners, late))
 
 
 def test_two_planes_make_no_corner():

@@ -1,7 +1,6 @@
 """`MapFeatures`: what the hypotheses of a map's pairs are made from; each part computed once, when first asked for."""
 
 import dataclasses
-from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Float32
@@ -39,11 +38,18 @@ class LateFeatures:
         """
         self._grid, self._max_virtual, self._planes = grid, max_virtual, planes
         self._settings = MapConfig() if settings is None else settings
+        self._corners: Corners | None = None
         self._descriptors: dict[bool, MapDescriptors] = {}
 
-    @cached_property
+    @property
     def corners(self) -> Corners:
         """Observed and virtual corners."""
+        # No `cached_property`: before Python 3.12 its lock lets no two maps find corners side by side.
+        if self._corners is None:
+            self._corners = self._find_corners()
+        return self._corners
+
+    def _find_corners(self) -> Corners:
         planes = extract_planes(self._grid, settings=self._planes)
         reach = self._settings.virtual_reach
         return corners_of_planes(

@@ -112,7 +112,7 @@ class ExhaustiveConfig(Settings, table="exhaustive"):
 
     max_factor: int = setting(6, low=2, high=100)
     max_cells: int = setting(1_000_000, low=1, high=1_000_000_000)
-    most_cells: int = setting(8_000_000, low=1, high=1_000_000_000)
+    most_cells: int = setting(1_000_000, low=1, high=1_000_000_000)
 
 
 @dataclasses.dataclass(frozen=True)
