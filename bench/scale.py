@@ -3,12 +3,13 @@
     python -m bench scale [--maps FOLDER] [--seed S] [--quick]
 
 Frames: a generated pair at zero and in the coordinates of a national grid. Strays: the same pair as files, with and
-without one occupied voxel 600 m away, read and registered in processes of their own (seconds of the second call, peak
-of the resident set). Clouds and fragments are the real pairs of the folder of test maps that have no free space:
-seconds of features and of the exhaustive search in the second call, and errors at the working voxel size, at the files'
-own, and at 0.1 m, which finer maps were brought to before. Outdoors: clouds of a generated site. Boxes: the same two
-buildings, ever farther apart. Site: two maps of a hillside with nine buildings, merged at their own resolution by the
-command, in a process of its own.
+without one occupied voxel 600 m away, and as clouds of points, with and without one 10 km away; read and registered
+in processes of their own (seconds of the second call, peak of the resident set). Clouds and fragments are the real
+pairs of the folder of test maps that have no free space: seconds of features and of the exhaustive search in the
+second call, and errors at the working voxel size, at the files' own, and at 0.1 m, which finer maps were brought to
+before. Outdoors: clouds of a generated site. Valleys: rolling ground with houses and trees in voxels of 0.5 to 2 m, a
+kind of place on which nothing was chosen. Boxes: the same two buildings, ever farther apart. Site: two maps of a
+hillside with nine buildings, merged at their own resolution by the command, in a process of its own.
 """
 
 import argparse
@@ -29,6 +30,7 @@ from bench.reports import markdown_table, write_json
 from bench.scale_sites import box_rows, site_cloud_row, site_row
 from bench.sites import Site
 from bench.timing import setting
+from bench.valleys import valley_rows
 from bench.worlds import MapPair
 from voxjax.frames import from_local
 from voxjax.metrics import pose_error
@@ -36,8 +38,8 @@ from voxjax.synthetic import simulate_team
 
 FAR = np.array([4e5, 5e6, 3e2])
 """Easting, northing and height of a far frame [m]: whole voxels of 0.1 m."""
-STRAY = 600.0
-"""How far away the stray voxel lies [m]."""
+STRAY, CLOUD_STRAY = 600.0, 10_000.0
+"""How far away the stray voxel of a map, and the stray point of a cloud, lies [m]."""
 
 
 def frame_row(a: vx.VoxelGrid, b: vx.VoxelGrid) -> dict:
@@ -87,17 +89,24 @@ def measure(path_a: str, path_b: str) -> dict:
 
 
 def stray_rows(a: vx.VoxelGrid, b: vx.VoxelGrid) -> Iterator[dict]:
-    """Cost of a pair without and with a stray voxel in the first map."""
+    """Cost of a pair without and with a stray in the first map, as maps with free space and as clouds."""
+    clouds = [vx.VoxelGrid.from_points(each.occupied_points(), voxel_size=each.voxel_size) for each in (a, b)]
+    points = np.concatenate([a.occupied_points(), a.occupied_points()[-1:] + [CLOUD_STRAY, 0.0, 0.0]])
+    stray_cloud = vx.VoxelGrid.from_points(points, voxel_size=a.voxel_size)
     with tempfile.TemporaryDirectory() as folder:
-        paths = {name: str(Path(folder) / f"{name}.bt") for name in ("a", "b", "stray")}
-        for name, grid in zip(paths, (a, b, with_stray(a)), strict=True):
-            vx.write_map(paths[name], grid)
-        for name in ("a", "stray"):
-            command = [sys.executable, "-m", "bench", "scale", "--in-process", paths[name], paths["b"]]
-            done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
-            found = json.loads(done.stdout)
-            del found["T_a_b"]
-            yield {"maps": "as they are" if name == "a" else f"a stray at {STRAY:g} m"} | found
+        for ending, one, stray, other, name, distance in (
+            ("bt", a, with_stray(a), b, "maps", STRAY),
+            ("ply", clouds[0], stray_cloud, clouds[1], "clouds", CLOUD_STRAY),
+        ):
+            paths = [str(Path(folder) / f"{part}.{ending}") for part in ("a", "stray", "b")]
+            for path, grid in zip(paths, (one, stray, other), strict=True):
+                vx.write_map(path, grid)
+            for path, kind in zip(paths, ("as they are", f"a stray at {distance:g} m"), strict=False):
+                command = [sys.executable, "-m", "bench", "scale", "--in-process", path, paths[2]]
+                done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
+                found = json.loads(done.stdout)
+                del found["T_a_b"]
+                yield {"maps": f"{name}, {kind}"} | found
 
 
 def cloud_row(case: Case, pair: MapPair) -> dict:
@@ -154,6 +163,7 @@ def main(argv: list[str]) -> int:
     parts = {"frames": [frame_row(a, b)], "strays": list(stray_rows(a, b))}
     with tempfile.TemporaryDirectory() as temporary:
         parts["outdoors"] = [site_cloud_row(args.seed)]
+        parts["valleys"] = list(valley_rows(args.seed, (1.0,) if args.quick else (0.5, 1.0, 2.0)))
         parts["boxes"] = list(box_rows(args.seed, a.voxel_size, Path(temporary)))
         if not args.quick:
             parts["site"] = [site_row(args.seed, Site(), Path(temporary))]

@@ -6,7 +6,7 @@ from block_maps import far_apart, peak_of, turned_map, ways
 from compilations import assert_compiles_nothing
 from device_path import device_path
 from voxjax import InputError, VoxelGrid
-from voxjax.matching.descriptors import describe_map, match_descriptors, working_spacing
+from voxjax.matching.descriptors import describe_map, finest_level, match_descriptors, working_spacing
 from voxjax.ops.descriptors import fpfh as descriptor
 from voxjax.ops.descriptors import match as descriptor_match
 
@@ -44,6 +44,21 @@ def test_points_are_means_of_occupied_voxels_on_the_working_lattice(room):
         low, high = room.extent
         assert (points > low).all()
         assert (points < high).all()
+
+
+def test_maps_of_many_points_are_described_at_one_coarser_level(room):
+    points = [len(level.points) for level in describe_map(room).levels]
+    # The last number that a level may have, and one that it just exceeds.
+    for max_points, level in ((points[0], 0), (points[0] - 1, 1), (points[1], 1), (points[1] - 1, 2)):
+        assert finest_level(room, spacing=0.25, max_points=max_points) == level
+    for first in (1, 2, 3):
+        (level,) = describe_map(room, finest=first).levels
+        assert level.spacing == pytest.approx(0.25 * 1.6**first)
+        # Cells lie about the mean of the points, which is where the map's own number of them comes from too.
+        assert finest_level(room, spacing=0.25, max_points=len(level.points)) == first
+    np.testing.assert_array_equal(
+        describe_map(room, finest=1).levels[0].descriptors, describe_map(room).levels[1].descriptors
+    )
 
 
 def test_normals_point_into_free_space(room):

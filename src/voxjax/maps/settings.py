@@ -26,6 +26,8 @@ class MapConfig(Settings, table="map"):
             In coarse maps it is no less than the seven voxels beside an observed corner.
         descriptor_spacing: Descriptors are of points averaged over cells of two and a half voxels, but no wider than
             this [m], where voxels are finer: furniture has no shape beyond it.
+        max_described: A map has descriptors at the finest scale at which it has at most so many points: the time of
+            matching them grows with the square.
         min_inferred: Inferred free space is used where it lies before at least this share of the surfaces; in half a
             scan it would be on the wrong side of too many.
     """
@@ -39,4 +41,5 @@ class MapConfig(Settings, table="map"):
     inferred_directions: int = setting(20, low=1, high=26)
     virtual_reach: float = setting(2.0, above=0.0, high=1_000.0)
     descriptor_spacing: float = setting(0.3, above=0.0, high=1_000.0)
+    max_described: int = setting(24_576, low=1, high=10_000_000)
     min_inferred: float = setting(0.75, low=0.0, high=1.0)

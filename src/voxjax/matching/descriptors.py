@@ -71,10 +71,33 @@ def working_spacing(*voxel_sizes: float, most: float = MapConfig.descriptor_spac
     return max(min(most, spacing_in_voxels * coarsest), coarsest)
 
 
+def finest_level(grid: VoxelGrid, *, spacing: float, max_points: int = MapConfig.max_described) -> int:
+    """The finest level at which a map has few enough points to be matched: 0 is that of the working spacing.
+
+    Args:
+        grid: The map.
+        spacing: Working spacing [m].
+        max_points: Largest number of points: the time of matching grows with the square.
+    """
+    points = grid.occupied_points()
+    level = 0
+    if not len(points):
+        return level
+    # Cells as `describe_map` lays them.
+    points = points - points.mean(axis=0)
+    while len(average_by_cell(points, _scale(level) * spacing)[1]) > max_points:
+        level += 1
+    return level
+
+
 def describe_map(
-    grid: VoxelGrid, *, spacing: float | None = None, use_free_space: bool | None = None
+    grid: VoxelGrid,
+    *,
+    spacing: float | None = None,
+    use_free_space: bool | None = None,
+    finest: int | None = None,
 ) -> MapDescriptors:
-    """Describe the surface of a map at two scales.
+    """Describe the surface of a map at two scales; at one, where the finer has too many points.
 
     Args:
         grid: The map.
@@ -82,6 +105,8 @@ def describe_map(
             the voxel size of this map.
         use_free_space: Sign the normals toward free space. None: if the map has free voxels. Maps that will
             be matched need the same choice, so give False when one of them has no free space.
+        finest: Level at which to begin, the same for all maps that will be matched: the greatest `finest_level` of
+            theirs. None: that of this map.
 
     Returns:
         Descriptors; without any point where the map has no occupied voxel.
@@ -89,12 +114,6 @@ def describe_map(
     Raises:
         InputError: If free space is asked for and the map has none, or the spacing is not positive.
     """
-    # Maps with more points at the fine scale are described at the coarse one only: time grows with the
-    # square.
-    max_fine_points = 24576
-    # Scales at which a map is described: rooms full of small things match at the fine one, halls at the
-    # coarse.
-    scales = (1.0, 1.6)
     spacing = working_spacing(grid.voxel_size) if spacing is None else check_positive("spacing", spacing, "m")
     has_free = grid.num_free > 0
     if use_free_space and not has_free:
@@ -106,13 +125,13 @@ def describe_map(
     center = points.mean(axis=0) if len(points) else np.zeros(3)
     centred = points - center
     toward_free = _toward_free(grid, index) if use_free else None
+    first = finest_level(grid, spacing=spacing) if finest is None else finest
     levels = []
-    for scale in scales:
-        cell, means = average_by_cell(centred, scale * spacing)
-        # The coarse scale is always there: every map has a level that another can be matched with.
-        if scale == scales[-1] or len(means) <= max_fine_points:
-            side = None if toward_free is None else sum_by_cell(cell, toward_free, len(means))
-            levels.append(_describe_level(means, side, scale * spacing))
+    # Rooms full of small things match at the fine scale, halls at the next.
+    for level in range(first, max(first, 1) + 1):
+        cell, means = average_by_cell(centred, _scale(level) * spacing)
+        side = None if toward_free is None else sum_by_cell(cell, toward_free, len(means))
+        levels.append(_describe_level(means, side, _scale(level) * spacing))
     return MapDescriptors(tuple(levels), center, "free" if use_free else "surroundings")
 
 
@@ -142,6 +161,11 @@ def match_descriptors(
     nearest, is_mutual, square = (np.asarray(x) for x in mutual_nearest(*descriptors, *everything))
     rows = np.flatnonzero(is_mutual)
     return np.stack([rows, nearest[rows]], axis=1).astype(np.int32), square[rows]
+
+
+def _scale(level: int) -> float:
+    """Cells of a level over those of the working spacing."""
+    return 1.6**level
 
 
 def _describe_level(points: np.ndarray, side: np.ndarray | None, spacing: float) -> DescriptorLevel:

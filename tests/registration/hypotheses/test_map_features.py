@@ -20,7 +20,9 @@ def test_directions_are_those_of_the_walls_and_the_rest_is_made_once():
     np.testing.assert_allclose(np.sort(across.max(axis=1)), 1.0, atol=0.01)
     assert (np.diff(features.shares) <= 0).all()
     assert features.corners is features.corners
-    assert features.late.descriptors(use_free_space=True) is features.late.descriptors(use_free_space=True)
+    first, again = (features.late.descriptors(use_free_space=True, finest=0) for _ in range(2))
+    assert first is again
+    assert features.late.finest_level == 0
 
 
 def test_corners_of_two_maps_are_found_side_by_side(monkeypatch):

@@ -1,6 +1,7 @@
 """Proposals of each source, and what is admitted of them."""
 
 import numpy as np
+import pytest
 
 from small_worlds import pose
 from voxjax.metrics import pose_error
@@ -10,10 +11,12 @@ from voxjax.registration.hypotheses.proposals import (
     admit,
     propose_corner_frames,
     propose_exhaustively,
+    propose_from_descriptors,
     propose_guess,
     propose_subgraphs,
 )
 from voxjax.registration.hypotheses.settings import (
+    DescriptorConfig,
     ExhaustiveConfig,
     FrameConfig,
     RotationConfig,
@@ -67,6 +70,21 @@ def test_each_source_proposes_the_truth_and_counts_what_it_found(pair):
     assert frames.counts["num_corners_a"] > 0
     assert subgraphs.counts["clique_size"] >= 3
     assert exhaustive.counts["num_rotations"] * 8 == exhaustive.num_found
+
+
+def test_a_map_of_few_points_is_described_at_the_level_of_one_of_many(pair, monkeypatch):
+    a, b, truth = pair
+    for first in (0, 1, 2):
+        # As a map of more points would have it; it is a property of map a alone.
+        monkeypatch.setitem(a.late.__dict__, "finest_level", first)
+        found = propose_from_descriptors(a, b, DescriptorConfig(), max_poses=4)
+        spacings = [
+            [level.spacing for level in each.late.descriptors(use_free_space=True, finest=first).levels]
+            for each in (a, b)
+        ]
+        assert spacings[0] == spacings[1]
+        assert spacings[0][0] == pytest.approx(0.3 * 1.6**first)
+        assert best_error(found, truth, np.asarray(b.prepared.centroid)) < 0.3 * 1.6**first
 
 
 def test_frames_outside_the_range_are_not_even_ranked(pair):

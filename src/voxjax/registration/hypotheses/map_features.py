@@ -11,7 +11,7 @@ from ...grid import VoxelGrid
 from ...maps.inferred_space import infer_free_space
 from ...maps.prepared import PreparedMap, draw_rows, map_surface, prepare_map
 from ...maps.settings import MapConfig
-from ...matching.descriptors import MapDescriptors, describe_map, working_spacing
+from ...matching.descriptors import MapDescriptors, describe_map, finest_level, working_spacing
 from ...planes.extract import extract_planes
 from ...planes.settings import PlaneConfig
 from .directions import dominant_directions
@@ -39,7 +39,7 @@ class LateFeatures:
         self._grid, self._max_virtual, self._planes = grid, max_virtual, planes
         self._settings = MapConfig() if settings is None else settings
         self._corners: Corners | None = None
-        self._descriptors: dict[bool, MapDescriptors] = {}
+        self._descriptors: dict[tuple[bool, int], MapDescriptors] = {}
 
     @property
     def corners(self) -> Corners:
@@ -56,14 +56,24 @@ class LateFeatures:
             self._grid, planes, virtual=True, virtual_reach=reach, max_virtual=self._max_virtual
         )
 
-    def descriptors(self, *, use_free_space: bool) -> MapDescriptors:
-        """Local descriptors; both maps of a pair must agree on whether free space signs their normals."""
-        if use_free_space not in self._descriptors:
-            spacing = working_spacing(self._grid.voxel_size, most=self._settings.descriptor_spacing)
-            self._descriptors[use_free_space] = describe_map(
-                self._grid, spacing=spacing, use_free_space=use_free_space
+    @cached_property
+    def finest_level(self) -> int:
+        """The finest level at which the map is described."""
+        return finest_level(self._grid, spacing=self._spacing, max_points=self._settings.max_described)
+
+    def descriptors(self, *, use_free_space: bool, finest: int) -> MapDescriptors:
+        """Local descriptors from a level on; maps of a pair agree on it, and on whether free space signs normals."""
+        chosen = use_free_space, finest
+        if chosen not in self._descriptors:
+            self._descriptors[chosen] = describe_map(
+                self._grid, spacing=self._spacing, use_free_space=use_free_space, finest=finest
             )
-        return self._descriptors[use_free_space]
+        return self._descriptors[chosen]
+
+    @property
+    def _spacing(self) -> float:
+        """Working spacing of the descriptors [m]."""
+        return working_spacing(self._grid.voxel_size, most=self._settings.descriptor_spacing)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

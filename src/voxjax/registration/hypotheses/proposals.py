@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..._runtime.threads import spread
+from ...matching.descriptors import MapDescriptors
 from .corners import frame_poses, subgraph_poses
 from .descriptors import descriptor_hypotheses
 from .distinct import distinct_poses
@@ -198,7 +199,12 @@ def propose_from_descriptors(
     """
     # Descriptors of normals that are signed by different rules cannot be compared.
     use_free_space = a.prepared.has_free_space and b.prepared.has_free_space
-    described_a, described_b = spread(lambda f: f.late.descriptors(use_free_space=use_free_space), (a, b))
+    finest = max(features.late.finest_level for features in (a, b))
+
+    def described(features: MapFeatures) -> MapDescriptors:
+        return features.late.descriptors(use_free_space=use_free_space, finest=finest)
+
+    described_a, described_b = spread(described, (a, b))
     poses, sizes = descriptor_hypotheses(
         described_a, described_b, max_hypotheses=max_poses, settings=descriptor
     )
