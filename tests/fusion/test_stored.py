@@ -10,7 +10,7 @@ import voxjax as vx
 from oracles.motions import pose_of, random_pose
 from voxjax import InputError, VoxelGrid
 from voxjax.fusion import stored
-from voxjax.io.zarr_reading import _Chunks
+from voxjax.io.zarr_chunks import StoreChunks
 from voxjax.ops.blocks.chunked_array import ChunkedArray
 
 FAR = np.array([4e5, 5e6, 300.0])
@@ -65,8 +65,10 @@ def test_stores_are_read_window_by_window_and_never_whole(tmp_path, monkeypatch)
     states = np.random.default_rng(0).integers(0, 3, (256, 64, 64), np.uint8)
     (store,) = opened(tmp_path, [VoxelGrid(states, np.zeros(3), 0.1)])
     monkeypatch.setattr(ChunkedArray, "blocks", lambda self: pytest.fail("a store was read whole"))
-    read, seen = _Chunks.__call__, []
-    monkeypatch.setattr(_Chunks, "__call__", lambda self, place: (seen.append(place), read(self, place))[1])
+    read, seen = StoreChunks.__call__, []
+    monkeypatch.setattr(
+        StoreChunks, "__call__", lambda self, place: (seen.append(place), read(self, place))[1]
+    )
     pose = np.eye(4)
     pose[0, 3] = 12.8
     fused = vx.fuse([store], [pose], out=tmp_path / "f.zarr")

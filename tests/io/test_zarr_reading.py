@@ -2,6 +2,7 @@
 
 import json
 import os
+import pickle
 import shutil
 
 import numpy as np
@@ -14,7 +15,7 @@ import voxjax as vx
 from voxjax import InputError, VoxelGrid
 from voxjax.io import describe_map, load_map
 from voxjax.io.crop import crop_grid
-from voxjax.io.zarr_reading import _Chunks
+from voxjax.io.zarr_chunks import StoreChunks
 
 SHAPE = (150, 70, 30)
 
@@ -35,14 +36,27 @@ def path(tmp_path):
 @pytest.fixture
 def reads(monkeypatch):
     """Chunks in the order in which they are read: the array, and the chunk's place."""
-    read, seen = _Chunks.__call__, []
+    read, seen = StoreChunks.__call__, []
 
     def note(self, place):
         seen.append((self._name, place))
         return read(self, place)
 
-    monkeypatch.setattr(_Chunks, "__call__", note)
+    monkeypatch.setattr(StoreChunks, "__call__", note)
     return seen
+
+
+def old_store(tmp_path):
+    """A store as they were written before shards: a file for each chunk, packed by zstd."""
+    group = zarr.create_group(
+        tmp_path / "old.zarr", attributes={"voxjax_map": 1, "origin": [-3.0, 2.0, 0.5], "voxel_size": 0.1}
+    )
+    codec = zarr.codecs.ZstdCodec(level=9)
+    options = {"chunks": (64,) * 3, "shape": SHAPE, "fill_value": 0, "compressors": codec}
+    grid = make_map(has_log_odds=True)
+    group.create_array("states", dtype="uint8", **options)[:] = grid.states
+    group.create_array("log_odds", dtype="float32", **options)[:] = np.asarray(grid.log_odds)
+    return tmp_path / "old.zarr"
 
 
 def edit(path, **changes):
@@ -126,6 +140,29 @@ def test_stores_that_others_write_are_read(tmp_path, options):
     assert vx.read_map(tmp_path / "m.zarr") == expected
 
 
+def test_stores_of_before_shards_are_read(tmp_path):
+    path = old_store(tmp_path)
+    assert vx.read_map(path) == make_map(has_log_odds=True)
+    (path / "states" / "c" / "0" / "0" / "0").write_bytes(b"x" * 10**6)
+    with pytest.raises(InputError, match=r"the chunk \(0, 0, 0\) of its array 'states' is damaged"):
+        _ = vx.read_map(path).states
+
+
+def test_opened_maps_go_to_other_processes(tmp_path, path):
+    other = zarr.create_group(
+        tmp_path / "o.zarr", attributes={"voxjax_map": 1, "origin": [0, 0, 0], "voxel_size": 1}
+    )
+    other.create_array("states", shape=SHAPE, chunks=(50, 9, 30), dtype="uint8", fill_value=0)[:] = (
+        make_map().states
+    )
+    for place in (path, tmp_path / "o.zarr"):
+        grid = vx.read_map(place)
+        grid.states_in((0, 0, 0), (9, 9, 9))
+        there = pickle.loads(pickle.dumps(grid))
+        assert there.is_stored
+        assert there == grid
+
+
 @pytest.mark.parametrize(
     ("where", "changes", "sentence"),
     [
@@ -179,7 +216,8 @@ def test_what_is_wrong_with_a_store_is_one_sentence(path, where, changes, senten
     assert "\n" not in str(caught.value)
 
 
-def test_chunks_that_no_memory_holds_are_refused_before_they_are_read(path, monkeypatch):
+def test_chunks_that_no_memory_holds_are_refused_before_they_are_read(tmp_path, monkeypatch):
+    path = old_store(tmp_path)
     grid = {"name": "regular", "configuration": {"chunk_shape": [4096, 4096, 4096]}}
     edit(path / "states", chunk_grid=grid)
     monkeypatch.setenv("VOXJAX_MEMORY", "4")

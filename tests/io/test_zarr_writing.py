@@ -13,6 +13,7 @@ from voxjax import InputError, VoxelGrid
 from voxjax.io import encode_map, load_map
 from voxjax.io.zarr_writing import MapStore
 from voxjax.ops.blocks.block_builder import BlockBuilder, blocks_of
+from voxjax.ops.blocks.chunked_array import ChunkedArray
 
 ORIGIN = (449_999.7, 5_400_000.1, 300.3)
 """A far frame whose numbers float32 does not hold."""
@@ -63,13 +64,31 @@ def test_any_reader_sees_plain_arrays_with_documented_attributes(tmp_path):
     assert group["states"].attrs["flag_meanings"] == "unknown free occupied"
 
 
-def test_chunks_that_hold_nothing_are_not_stored(tmp_path):
-    vx.write_map(tmp_path / "m.zarr", make_map(has_log_odds=False))
+def test_shards_that_hold_nothing_are_not_stored_and_none_holds_empty_chunks(tmp_path):
+    states = np.zeros((600, 70, 30), np.uint8)
+    states[1, 69, 3], states[599, 2, 0] = 2, 1
+    vx.write_map(tmp_path / "m.zarr", VoxelGrid(states, ORIGIN, 0.1))
     names = files(tmp_path / "m.zarr")
-    assert [name for name in names if "/c/" in name] == [
-        f"states/c/{x}/{y}/0" for x, y in ((0, 0), (0, 2), (1, 0), (1, 1), (1, 2))
-    ]
-    assert set(names) - {name for name in names if "/c/" in name} == {"zarr.json", "states/zarr.json"}
+    assert names == ["states/c/0/0/0", "states/c/2/0/0", "states/zarr.json", "zarr.json"]
+    back = vx.read_map(tmp_path / "m.zarr")
+    assert isinstance(back._states, ChunkedArray)
+    np.testing.assert_array_equal(np.argwhere(back._states.known), [(0, 1, 0), (9, 0, 0)])
+    # Two chunks of hardly anything, and the indices of 64 chunks.
+    sizes = [(tmp_path / "m.zarr" / name).stat().st_size for name in names[:2]]
+    assert all(64 * 16 + 4 < size < 64 * 16 + 104 for size in sizes)
+
+
+def test_zarr_reads_shards_and_this_reads_what_zarr_writes_in_the_same_layout(tmp_path):
+    grid = make_map(shape=(300, 70, 20))
+    vx.write_map(tmp_path / "m.zarr", grid)
+    for name, values in (("states", grid.states), ("log_odds", np.asarray(grid.log_odds))):
+        array = zarr.open_array(tmp_path / "m.zarr" / name, mode="a")
+        assert (array.chunks, array.shards) == ((64,) * 3, (256,) * 3)
+        np.testing.assert_array_equal(array[:], values)
+        array[:] = values[::-1]
+    back = vx.read_map(tmp_path / "m.zarr")
+    np.testing.assert_array_equal(back.states, grid.states[::-1])
+    np.testing.assert_array_equal(back.log_odds, np.asarray(grid.log_odds)[::-1])
 
 
 @pytest.mark.parametrize("shape", [(0, 4, 5), (1, 1, 1)])
@@ -120,17 +139,17 @@ def test_a_store_that_cannot_be_written_leaves_nothing_and_keeps_the_old(tmp_pat
     path, old = tmp_path / "m.zarr", VoxelGrid(np.full((3, 1, 1), 2, np.uint8), np.zeros(3), 0.1)
     if is_there:
         vx.write_map(path, old)
-    write, calls = MapStore.write, []
+    put, calls = MapStore.put, []
 
     def fail_at_the_third(self, *args):
         calls.append(args)
         if len(calls) == 3:
             raise OSError(28, "No space left on device")
-        write(self, *args)
+        put(self, *args)
 
-    monkeypatch.setattr(MapStore, "write", fail_at_the_third)
+    monkeypatch.setattr(MapStore, "put", fail_at_the_third)
     with pytest.raises(InputError, match=r"m\.zarr cannot be written: No space left on device; make room"):
-        vx.write_map(path, make_map())
+        vx.write_map(path, make_map(shape=(600, 30, 20)))
     assert os.listdir(tmp_path) == (["m.zarr"] if is_there else [])
     assert not is_there or vx.read_map(path) == old
 
@@ -143,9 +162,17 @@ def test_without_the_package_one_sentence_says_what_to_install(tmp_path, monkeyp
             call()
 
 
-def test_blocks_may_be_written_in_any_order(tmp_path):
-    states = random_boxes((130, 70, 20), seed=2)
-    store = MapStore(tmp_path / "m.zarr", (130, 70, 20), ORIGIN, 0.1, has_log_odds=False)
-    for low in ((128, 64, 0), (0, 0, 0), (64, 64, 0), (128, 0, 0), (64, 0, 0), (0, 64, 0)):
-        store.write(np.array(low), states[tuple(slice(a, a + 64) for a in low)])
+def test_shards_may_be_written_in_any_order_and_their_windows_too(tmp_path):
+    shape = (300, 70, 20)
+    states = random_boxes(shape, seed=2)
+    store = MapStore.make(tmp_path / "m.zarr", shape, ORIGIN, 0.1, has_log_odds=False)
+    for place, lows in (((1, 0, 0), [256]), ((0, 0, 0), [128, 0, 192, 64])):
+        ends = [min(low + 64, 300) for low in lows]
+        store.write(
+            np.array(place),
+            [(np.array([low, 0, 0]), states[low:end], None) for low, end in zip(lows, ends, strict=True)],
+        )
     assert vx.read_map(tmp_path / "m.zarr").state_blocks().equals(blocks_of(states))
+    vx.write_map(tmp_path / "other.zarr", VoxelGrid(states, ORIGIN, 0.1))
+    for name in files(tmp_path / "m.zarr"):
+        assert (tmp_path / "m.zarr" / name).read_bytes() == (tmp_path / "other.zarr" / name).read_bytes()

@@ -13,7 +13,7 @@ from .._checks import InputError
 from .._runtime.whole_files import Content, write_files
 from .._runtime.whole_folders import Folder, temporary_beside
 from ..io import ENDINGS, LoadedMap, encode_map, read_map
-from ..io.zarr_reading import MARKER
+from ..io.zarr_chunks import MARKER
 from ..pipeline.config import Config
 from ..pipeline.many import merge
 from ..pipeline.merged import Merge

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from .._checks import InputError
 from .._runtime.whole_files import check_writable
-from ..io.zarr_reading import MARKER as ZARR_MARKER
+from ..io.zarr_chunks import MARKER as ZARR_MARKER
 from ..io.zarr_reading import check_zarr_support
 
 

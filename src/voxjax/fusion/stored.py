@@ -10,17 +10,18 @@ from jaxtyping import Int
 
 from .._checks import InputError, shown
 from .._runtime.memory import check_memory
-from .._runtime.threads import spread
 from .._runtime.whole_files import check_writable, write_files
 from .._runtime.whole_folders import Folder
 from ..grid import VoxelGrid
 from ..io.map_files import read_map
-from ..io.zarr_reading import MARKER, check_zarr_support
-from ..io.zarr_writing import CHUNK, MapStore, encode_zarr
+from ..io.zarr_chunks import MARKER
+from ..io.zarr_reading import check_zarr_support
+from ..io.zarr_shards import SHARD, SIDE
+from ..io.zarr_writing import MapStore, Window, encode_zarr
 from ..ops.blocks.words import BLOCK
 from .nearest import ADVICE, BlockFusion, FusedBlocks
 
-_WINDOW = 2 * CHUNK
+_WINDOW = 2 * SIDE
 """Sides of the windows [voxel]."""
 
 
@@ -79,33 +80,45 @@ def store_fuse_memory(num_maps: int, rule: str, *, fixed: float = 0.25e9) -> flo
 def _write(plan: BlockFusion, folder: Path) -> None:
     """Make the store."""
     has_log_odds = plan.rule == "log_odds"
-    store = MapStore(folder, plan.shape, plan.origin, plan.voxel_size, has_log_odds=has_log_odds)
-    for low, high in _windows(plan):
+    store = MapStore.make(folder, plan.shape, plan.origin, plan.voxel_size, has_log_odds=has_log_odds)
+    for place in _shards(plan):
+        store.write(place, _fused_windows(plan, *store.shard_box(place)))
+
+
+def _shards(plan: BlockFusion) -> Iterator[Int[np.ndarray, "3"]]:
+    """Shards of a store in which maps may know something, in lexicographic order."""
+    shape = np.asarray(plan.shape, np.int64)
+    for large in _numbers(np.zeros(3, np.int64), shape, 4 * SHARD):
+        begin = large * 4 * SHARD
+        end = np.minimum(begin + 4 * SHARD, shape)
+        # Shards of shards: where the lattice is empty, few are looked at.
+        if _holds_any(plan, begin, end):
+            for place in 4 * large + _numbers(begin, end, SHARD):
+                if _holds_any(plan, place * SHARD, np.minimum((place + 1) * SHARD, shape)):
+                    yield place
+
+
+def _fused_windows(plan: BlockFusion, begin: np.ndarray, end: np.ndarray) -> Iterator[Window]:
+    """Windows of a shard in which a map knows something."""
+    for number in _numbers(begin, end, _WINDOW):
+        low = begin + number * _WINDOW
+        high = np.minimum(low + _WINDOW, end)
+        if not _holds_any(plan, low, high):
+            continue
         sides = -(-(high - low) // BLOCK) * BLOCK
         states = np.zeros(sides, np.uint8)
-        log_odds = np.zeros(sides, np.float32) if has_log_odds else None
-        is_known = False
+        log_odds = np.zeros(sides, np.float32) if plan.rule == "log_odds" else None
         for blocks in plan.blocks_in(low // BLOCK, -(-high // BLOCK)):
             _paste(states, low, blocks, blocks.states)
             if log_odds is not None:
                 _paste(log_odds, low, blocks, blocks.log_odds)
-            is_known = True
-        if is_known:
-            inside = tuple(map(slice, high - low))
-            _write_window(store, low, states[inside], None if log_odds is None else log_odds[inside])
+        inside = tuple(map(slice, high - low))
+        yield low, states[inside], None if log_odds is None else log_odds[inside]
 
 
-def _windows(plan: BlockFusion) -> Iterator[tuple[Int[np.ndarray, "3"], Int[np.ndarray, "3"]]]:
-    """Windows of whole chunks in which maps may know something: lowest voxel, and one past the highest."""
-    for number in _numbers(np.zeros(3, np.int64), np.asarray(plan.shape), 4 * _WINDOW):
-        begin = number * 4 * _WINDOW
-        end = np.minimum(begin + 4 * _WINDOW, plan.shape)
-        # Windows of windows: where the lattice is empty, few are looked at.
-        if plan.holds_any(begin // BLOCK, -(-end // BLOCK)):
-            for low in number * 4 * _WINDOW + _numbers(begin, end, _WINDOW) * _WINDOW:
-                high = np.minimum(low + _WINDOW, plan.shape)
-                if plan.holds_any(low // BLOCK, -(-high // BLOCK)):
-                    yield low, high
+def _holds_any(plan: BlockFusion, low: np.ndarray, high: np.ndarray) -> bool:
+    """Whether any map may know something between two voxels."""
+    return plan.holds_any(low // BLOCK, -(-high // BLOCK))
 
 
 def _numbers(begin: np.ndarray, end: np.ndarray, side: int) -> Int[np.ndarray, "m 3"]:
@@ -121,13 +134,3 @@ def _paste(target: np.ndarray, low: np.ndarray, blocks: FusedBlocks, values: np.
     # One number for each block fills it.
     filled = values[:, None, None, None] if values.ndim == 1 else values
     target.reshape(a, BLOCK, b, BLOCK, c, BLOCK)[x, :, y, :, z] = filled
-
-
-def _write_window(store: MapStore, low: np.ndarray, states: np.ndarray, log_odds: np.ndarray | None) -> None:
-    """Write the chunks of a window side by side."""
-
-    def write(number: np.ndarray) -> None:
-        part = tuple(slice(CHUNK * n, CHUNK * (n + 1)) for n in number)
-        store.write(low + CHUNK * number, states[part], None if log_odds is None else log_odds[part])
-
-    spread(write, _numbers(np.zeros(3, np.int64), np.asarray(states.shape), CHUNK))

@@ -18,7 +18,7 @@ from .map_facts import MapFacts, facts_of_grid
 from .npz import encode_npz
 from .octomap import encode_bt, encode_ot
 from .ply import encode_ply
-from .zarr_reading import StoreError
+from .zarr_chunks import StoreError
 from .zarr_writing import encode_zarr
 
 _ENCODERS = {".bt": encode_bt, ".ot": encode_ot, ".npz": encode_npz, ".zarr": encode_zarr, ".ply": encode_ply}

@@ -1,7 +1,7 @@
 """Maps in Zarr stores (version 3), opened lazily: attributes and the list of chunks are read, chunks when asked for.
 
 A store is a group with the array `states`, uint8 (x, y, z), and perhaps `log_odds`, float32, of the same shape; chunks
-that are not there hold 0. Its attributes say where the voxels lie. Chunks are decoded by the package zarr.
+that are not there hold 0. Its attributes say where the voxels lie. `zarr_chunks` reads the chunks.
 """
 
 import math
@@ -19,20 +19,15 @@ from jaxtyping import Bool
 
 from .._checks import InputError, shown
 from .._runtime.memory import check_memory
-from .._types import OCCUPIED
 from ..grid import VoxelGrid
 from ..ops.blocks.block_array import Shape, lattice_shape
 from ..ops.blocks.chunked_array import ChunkedArray
 from .budget import Budget
 from .files import read_bytes
+from .zarr_chunks import MARKER, ChunksOfZarr, PlainChunks, StoreChunks
+from .zarr_shards import layout_of
 
 VERSION = 1
-MARKER = "zarr.json"
-"""Name of the file that each Zarr group of version 3 holds."""
-
-
-class StoreError(InputError):
-    """What is wrong with a chunk of a store, which may be read long after that was opened; the message names it."""
 
 
 def check_zarr_support() -> None:
@@ -110,7 +105,7 @@ def _place_of(attributes: dict) -> tuple[list[float], float]:
         raise InputError(f"the attribute 'origin' must be three finite numbers [m], got {shown(origin)}")
     if not _is_finite(voxel_size):
         raise InputError(f"the attribute 'voxel_size' must be a finite number [m], got {shown(voxel_size)}")
-    return origin, voxel_size
+    return [float(x) for x in origin], float(voxel_size)
 
 
 def _is_finite(value: object) -> bool:
@@ -133,6 +128,7 @@ def _opened(path: Path, group: Any, name: str) -> ChunkedArray | None:
         # A shard is a file of several chunks, each of which is read on its own.
         chunk, file = array.chunks, array.shards or array.chunks
         dtype, fill_value = array.dtype, array.fill_value
+        metadata = array.metadata.to_dict()
     expected = np.dtype(np.uint8 if name == "states" else np.float32)
     if dtype != expected or len(shape) != 3:
         raise InputError(
@@ -144,10 +140,14 @@ def _opened(path: Path, group: Any, name: str) -> ChunkedArray | None:
         raise InputError(f"the array {name!r} must have the fill value 0, got {fill_value}")
     _check_size(name, shape, chunk, expected.itemsize)
     known = _known_files(path / name, _lattice(shape, file))
+    layout = layout_of(path / name, metadata)
+    source = ChunksOfZarr(array) if layout is None else PlainChunks(layout, known)
     for axis in range(3):
         known = np.repeat(known, file[axis] // chunk[axis], axis=axis)
+    if isinstance(source, PlainChunks):
+        source.leave_out_absent(known)
     known = known[tuple(map(slice, _lattice(shape, chunk)))]
-    return ChunkedArray(shape, expected, chunk, known, _Chunks(path, name, array))
+    return ChunkedArray(shape, expected, chunk, known, StoreChunks(path, name, shape, chunk, source))
 
 
 def _check_size(name: str, shape: Shape, chunk: Shape, itemsize: int) -> None:
@@ -191,49 +191,6 @@ def _known_files(folder: Path, lattice: Shape) -> Bool[np.ndarray, "a b c"]:
                 elif prefix.count("/") < 3 and entry.is_dir():
                     folders.append((f"{prefix}{entry.name}/", Path(entry.path)))
     return known
-
-
-class _Chunks:
-    """Reads the chunks of an array."""
-
-    def __init__(self, path: Path, name: str, array: Any) -> None:
-        """Remember the store as it is now."""
-        self._path, self._name, self._array = path, name, array
-        self._identity = _identity(path)
-
-    def __call__(self, place: tuple[int, int, int]) -> np.ndarray:
-        """The chunk at a place, cut to the box.
-
-        Raises:
-            StoreError: If it is damaged, or the store is not the one any more that was opened.
-        """
-        # Chunks that are gone would be taken for ones that hold nothing.
-        if _identity(self._path) != self._identity:
-            raise StoreError(f"{self._path} was replaced or removed after it was opened; read it again.")
-        window = tuple(
-            slice(side * p, side * (p + 1)) for side, p in zip(self._array.chunks, place, strict=True)
-        )
-        what = f"{self._path} cannot be read: the chunk {place} of its array {self._name!r}"
-        try:
-            values = np.asarray(self._array[window])
-        except MemoryError:
-            raise
-        except Exception as error:  # the codecs promise no set of exceptions for damaged bytes
-            raise StoreError(f"{what} is damaged.") from error
-        if values.dtype == np.uint8 and values.max(initial=0) > OCCUPIED:
-            raise StoreError(f"{what} must hold 0 unknown, 1 free or 2 occupied, got {values.max()}.")
-        if values.dtype != np.uint8 and not np.isfinite(values).all():
-            raise StoreError(f"{what} must hold finite numbers, got NaN or infinite ones.")
-        return values
-
-
-def _identity(path: Path) -> tuple[int, ...] | None:
-    """What tells a store from another one of the same name; None where there is none."""
-    try:
-        status = os.stat(path / MARKER)
-    except OSError:
-        return None
-    return status.st_dev, status.st_ino, status.st_mtime_ns
 
 
 @contextmanager

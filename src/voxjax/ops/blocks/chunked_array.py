@@ -78,6 +78,14 @@ class ChunkedArray:
         self._lock = threading.Lock()
         self._whole: BlockArray | None = None
 
+    def __getstate__(self) -> dict:
+        """What another process is given: no chunk, each reads those that it needs."""
+        return vars(self) | {"_kept": OrderedDict(), "_lock": None, "_whole": None}
+
+    def __setstate__(self, state: dict) -> None:
+        """Begin with nothing read."""
+        vars(self).update(state, _lock=threading.Lock())
+
     @property
     def num_voxels(self) -> int:
         """Number of voxels of the box."""

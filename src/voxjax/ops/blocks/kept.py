@@ -135,7 +135,11 @@ def cubes_of(kept: Kept, side: int) -> Bool[np.ndarray, "a b c"]:
         found[tuple(np.argwhere(np.asarray(kept.table) != 0).T // (side // BLOCK))] = True
     elif isinstance(kept, ChunkedArray):
         found = np.zeros(lattice, bool)
-        for low in np.argwhere(kept.known) * kept.chunk:
+        lows = np.argwhere(kept.known) * kept.chunk
+        if not (side % np.asarray(kept.chunk)).any():  # no chunk meets two cubes
+            found[tuple((lows // side).T)] = True
+            return found
+        for low in lows:
             found[tuple(map(slice, low // side, -(-(low + kept.chunk) // side)))] = True
     else:
         found = np.ones(lattice, bool)
