@@ -51,7 +51,7 @@ def small_codes(shape=(61, 37, 52), seed=0):
     blocks, index = blocks_of(states), np.argwhere(states == 2).astype(np.int32)
     pools = map_pools(blocks, index, radius=5)
     size, origin = np.float32(0.1), np.asarray([-3.0, 1.0, 0.5], np.float32)
-    points = (rng.random((700, 3)) * np.asarray(shape) * 0.1).astype(np.float32)
+    points = (rng.random((9000, 3)) * np.asarray(shape) * 0.1).astype(np.float32)
     poses = np.tile(np.eye(4, dtype=np.float32), (20, 1, 1))
     poses[1:, :3, :3] = Rotation.from_rotvec(rng.normal(0.0, 1.5, (19, 3))).as_matrix()
     poses[:, :3, 3] = origin + rng.normal(0.0, 1.0, (20, 3))
@@ -61,8 +61,8 @@ def small_codes(shape=(61, 37, 52), seed=0):
         code_pool(pools.states, pools.keys, pools.num_rows, hit_sq=2, clear_sq=4),
         Block(np.asarray(shape, np.int32), origin, size, pools.table),
         points,
-        rng.random(700).astype(np.float32),
-        rng.integers(0, 5, 700).astype(np.float32),
+        rng.random(9000).astype(np.float32),
+        rng.integers(0, 5, 9000).astype(np.float32),
         poses,
     )
 

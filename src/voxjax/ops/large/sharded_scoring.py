@@ -20,7 +20,7 @@ from ..._runtime.placement import is_traced
 from ..._types import Array
 from ..blocks.block_array import BlockArray, lattice_shape
 from ..blocks.words import BLOCK
-from ..evidence.lookup import Block
+from ..evidence.lookup import Block, turn_columns
 from ..evidence.scoring import HIT, CodeField
 from .sharded_blocks import ShardedBlocks, shard_blocks
 
@@ -45,6 +45,19 @@ class _OwnBlock(Block):
         assert isinstance(part, ShardedBlocks)
         _, low, high = part.span[0]
         return part.rows_of(jnp.asarray(block), (block >= low) & (block < high))
+
+    def meets(self, T: jax.Array, middle: jax.Array, half: jax.Array) -> jax.Array:
+        """Whether boxes, by middles and half sides (3, m), may reach what the part owns, under a pose."""
+        part = self.table
+        assert isinstance(part, ShardedBlocks)
+        _, low, high = part.span[0]
+        layer = np.int32(part.lattice[1] * part.lattice[2])
+        first, last = low // layer, (high - 1) // layer + 1
+        first, last = ((BLOCK * n).astype(jnp.float32) for n in (first, last))
+        at = (turn_columns(T, middle)[0] + T[0, 3] - self.origin[0]) / self.voxel_size
+        # A voxel more than they reach: rounding differs from that of a lookup.
+        reach = turn_columns(jnp.abs(T), half)[0] / self.voxel_size + 1.0
+        return (high > low) & (at + reach >= first) & (at - reach <= last)
 
 
 @refused_after_fork
@@ -83,42 +96,68 @@ def score_in_shards(
     """`score_poses` against a map in parts: weighted hits, conflicts and undecided of many poses.
 
     Sums of whole weights that stay below 2**24 are those of `score_poses` to the bit; others differ by the order in
-    which float32 numbers are added up. The pool is shared out, the work is not: each device looks where each point
-    lies under each pose.
+    which float32 numbers are added up. All devices have all points, in pieces that lie close together; each looks up
+    the pieces that a pose brings between the layers of blocks along x that it owns.
 
     Args:
         codes: Map from `shard_codes`.
         points: Points of the other map in its own frame [m].
         weights: Weight of each point; 0 for padding.
         poses: Each maps the points into the frame of the block.
-        batch_size: Poses handled together.
+        batch_size: Poses handled together, but not on a CPU.
 
     Returns:
         For each pose the sums of the weights that hit, conflict, and are known but undecided, on all devices.
     """
-    lists = points, weights, poses
-    if not any(is_traced(values) for values in lists):
-        # Lists of the ladder's lengths, so that others rarely compile anything; from the host, where all processes have
-        # the same ones.
-        lists = tuple(
-            pad_rows(np.asarray(values, np.float32), bucket_size(len(values), smallest))
-            for values, smallest in zip(lists, (1 << 10, 1 << 10, batch_size), strict=True)
-        )
-    return _scores(codes, *lists, batch_size=batch_size)[: len(poses)]
+    # Pieces of fewer points are met by fewer devices, but each is a step of a loop.
+    piece = 4096
+    if any(is_traced(values) for values in (points, weights, poses)):
+        short = -len(points) % piece
+        lists = jnp.pad(points, ((0, short), (0, 0))), jnp.pad(weights, (0, short))
+        turned = jnp.pad(poses, ((0, -len(poses) % batch_size), (0, 0), (0, 0)))
+    else:
+        # From the host, where all processes have the same ones; in lengths of the ladder, so that others rarely compile
+        # anything.
+        lists = _in_pieces(np.asarray(points), np.asarray(weights), piece)
+        turned = pad_rows(np.asarray(poses), bucket_size(len(poses), batch_size))
+    columns, shares = lists[0].reshape(-1, piece, 3).swapaxes(1, 2), lists[1].reshape(-1, piece)
+    # A loop over poses that are handled one by one leaves out pieces for each of them.
+    is_cpu = codes.blocks.mesh.devices.flat[0].platform == "cpu"
+    return _scores(codes, columns, shares, turned, together=1 if is_cpu else batch_size)[: len(poses)]
 
 
-@partial(jax.jit, static_argnames=("batch_size",))
+@partial(jax.jit, static_argnames=("together",))
 def _scores(
-    codes: ShardedCodes, points: Array, weights: Array, poses: Array, *, batch_size: int
+    codes: ShardedCodes,
+    columns: Float32[Array, "m 3 s"],
+    weights: Float32[Array, "m s"],
+    poses: Float32[Array, "k 4 4"],
+    *,
+    together: int,
 ) -> Float32[jax.Array, "k 3"]:
-    """`score_in_shards` of lists of any length."""
+    """`score_in_shards` of pieces of points, by columns, so many poses together, which divide their number."""
     blocks, everywhere = codes.blocks, PartitionSpec()
 
-    def on_part(part: ShardedBlocks, block: Block, columns: Array, weights: Array, poses: Array) -> jax.Array:
+    def on_part(part: ShardedBlocks, block: Block, *lists: jax.Array) -> jax.Array:
+        columns, weights, poses = lists
         # The part stands where a table does: it knows which blocks are its own.
         own = _OwnBlock(block.dims, block.origin, block.voxel_size, part)  # pyright: ignore[reportArgumentType]
         field = CodeField(part.pool.reshape(-1), own)
-        sums = jax.lax.map(lambda T: field.sums(T, columns, weights), poses, batch_size=batch_size)
+        middle, half = _boxes_of(columns, weights)
+
+        def add_pieces(some: jax.Array) -> jax.Array:
+            is_met = jax.vmap(lambda T: own.meets(T, middle, half))(some).any(axis=0)
+            # Those that are met first, in their order; the loop ends with them.
+            order = jnp.argsort(~is_met, stable=True)
+
+            def add(i: jax.Array, sums: jax.Array) -> jax.Array:
+                each = partial(field.sums, points=columns[order[i]], weights=weights[order[i]])
+                return sums + (each(some[0])[None] if together == 1 else jax.vmap(each)(some))
+
+            start = jnp.zeros((together, 3), jnp.float32)
+            return jax.lax.fori_loop(0, jnp.sum(is_met, dtype=jnp.int32), add, start)
+
+        sums = jax.lax.map(add_pieces, poses.reshape(-1, together, 4, 4)).reshape(-1, 3)
         return jax.lax.psum(sums, part.mesh.axis_names)
 
     run = jax.shard_map(
@@ -129,4 +168,31 @@ def _scores(
         # The check of varying axes would refuse loops that start from constants.
         check_vma=False,
     )
-    return run(blocks, codes.block, points.T, weights, poses)
+    return run(blocks, codes.block, *(jnp.asarray(values) for values in (columns, weights, poses)))
+
+
+def _boxes_of(columns: jax.Array, weights: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Middles (3, m) and half sides of boxes around the points of each piece that have a weight; -inf without any."""
+    counts = (weights != 0)[:, None]
+    low = jnp.min(jnp.where(counts, columns, jnp.inf), axis=2).T
+    high = jnp.max(jnp.where(counts, columns, -jnp.inf), axis=2).T
+    is_some = low <= high
+    return jnp.where(is_some, (low + high) / 2, 0.0), jnp.where(is_some, (high - low) / 2, -jnp.inf)
+
+
+def _in_pieces(points: np.ndarray, weights: np.ndarray, piece: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points that have a weight, those of each piece close together, and their weights, padded by zeros."""
+    rows = np.flatnonzero(weights)
+    some = points[rows]
+    if len(rows) > piece:
+        # Along a Morton curve through 32 cells a side: keys of 16 bits are sorted in one pass.
+        low, side = some.min(axis=0), np.ptp(some, axis=0).max()
+        cells = np.clip((some - low) * (32.0 / max(side, np.finfo(np.float32).tiny)), 0, 31).astype(np.uint8)
+        spread = np.asarray(
+            [sum((n >> bit & 1) << 3 * bit for bit in range(5)) for n in range(32)], np.uint16
+        )
+        keys = spread[cells[:, 0]] << 2 | spread[cells[:, 1]] << 1 | spread[cells[:, 2]]
+        rows = rows[np.argsort(keys, kind="stable")]
+        some = points[rows]
+    length = bucket_size(len(rows), piece)
+    return pad_rows(some, length), pad_rows(weights[rows], length)
