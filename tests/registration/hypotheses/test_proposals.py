@@ -76,7 +76,7 @@ def test_a_map_of_few_points_is_described_at_the_level_of_one_of_many(pair, monk
     a, b, truth = pair
     for first in (0, 1, 2):
         # As a map of more points would have it; it is a property of map a alone.
-        monkeypatch.setitem(a.late.__dict__, "finest_level", first)
+        monkeypatch.setattr(a.late, "_finest_level", first)
         found = propose_from_descriptors(a, b, DescriptorConfig(), max_poses=4)
         spacings = [
             [level.spacing for level in each.late.descriptors(use_free_space=True, finest=first).levels]

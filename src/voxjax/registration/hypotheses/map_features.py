@@ -39,6 +39,7 @@ class LateFeatures:
         self._grid, self._max_virtual, self._planes = grid, max_virtual, planes
         self._settings = MapConfig() if settings is None else settings
         self._corners: Corners | None = None
+        self._finest_level: int | None = None
         self._descriptors: dict[tuple[bool, int], MapDescriptors] = {}
 
     @property
@@ -56,10 +57,13 @@ class LateFeatures:
             self._grid, planes, virtual=True, virtual_reach=reach, max_virtual=self._max_virtual
         )
 
-    @cached_property
+    @property
     def finest_level(self) -> int:
         """The finest level at which the map is described."""
-        return finest_level(self._grid, spacing=self._spacing, max_points=self._settings.max_described)
+        if self._finest_level is None:
+            most = self._settings.max_described
+            self._finest_level = finest_level(self._grid, spacing=self._spacing, max_points=most)
+        return self._finest_level
 
     def descriptors(self, *, use_free_space: bool, finest: int) -> MapDescriptors:
         """Local descriptors from a level on; maps of a pair agree on it, and on whether free space signs normals."""

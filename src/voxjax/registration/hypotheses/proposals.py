@@ -199,7 +199,7 @@ def propose_from_descriptors(
     """
     # Descriptors of normals that are signed by different rules cannot be compared.
     use_free_space = a.prepared.has_free_space and b.prepared.has_free_space
-    finest = max(features.late.finest_level for features in (a, b))
+    finest = max(spread(lambda features: features.late.finest_level, (a, b)))
 
     def described(features: MapFeatures) -> MapDescriptors:
         return features.late.descriptors(use_free_space=use_free_space, finest=finest)
