@@ -53,6 +53,8 @@ def test_stores_are_merged_into_a_store_that_appears_with_the_other_files(monkey
         == 0
     )
     assert read_map("out.zarr") == read_map("out.npz")
+    assert main(["merge", *stores, "-o", "m.npz", "--processes", "2", "-q"]) == 2
+    assert "--processes is for a fused map in a store (.zarr), got m.npz" in capsys.readouterr().err
     assert main(["merge", *stores, "-o", "small.zarr", "--memory", "50M", "-q"]) == 2
     assert "GB of memory and 0.05 GB are available" in capsys.readouterr().err
     Path("work.zarr").mkdir()

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from command_line import one_line
-from voxjax.cli.parser import memory_size, parse, positive_number, whole_number
+from voxjax.cli.parser import memory_size, parse, positive_number, process_count, whole_number
 
 
 def test_help_imports_neither_jax_nor_numpy():
@@ -21,6 +21,12 @@ def test_help_imports_neither_jax_nor_numpy():
         )
         assert done.returncode == 0, done.stderr
         assert "voxjax" in done.stdout
+
+
+def test_processes_are_one_or_more():
+    assert process_count("4") == 4
+    with pytest.raises(argparse.ArgumentTypeError, match="must be 1 or more, got '0'"):
+        process_count("0")
 
 
 @pytest.mark.parametrize("text", ["", " ", "nan", "inf", "-inf", "0", "-0", "-1", "1e400", "one", "9" * 5000])

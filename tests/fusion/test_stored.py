@@ -10,7 +10,9 @@ import voxjax as vx
 from oracles.motions import pose_of, random_pose
 from voxjax import InputError, VoxelGrid
 from voxjax.fusion import stored
+from voxjax.fusion.nearest import plan_fusion
 from voxjax.io.zarr_chunks import StoreChunks
+from voxjax.io.zarr_writing import MapStore
 from voxjax.ops.blocks.chunked_array import ChunkedArray
 
 FAR = np.array([4e5, 5e6, 300.0])
@@ -114,3 +116,68 @@ def test_a_store_may_be_fused_into_its_own_place(tmp_path):
     fused = vx.fuse([first, second], [np.eye(4)] * 2, out=tmp_path / "0.zarr")
     assert fused == expected
     assert sorted(os.listdir(tmp_path)) == ["0.zarr", "1.zarr"]
+
+
+@pytest.mark.parametrize("rule", ["keep", "log_odds"])
+def test_two_processes_give_the_bits_of_one_and_of_memory(tmp_path, rule):
+    grids = [make_grid(n, (290, 40, 18), with_log_odds=True) for n in range(2)]
+    poses = [np.eye(4), random_pose(np.random.default_rng(1), metres=1.0, degrees=3)]
+    expected = vx.fuse(grids, poses, rule=rule)
+    # One map in memory, which the processes are given, and one in a store, which they open.
+    given = [grids[0], *opened(tmp_path, grids[1:])]
+    fused = vx.fuse(given, poses, rule=rule, out=tmp_path / "two.zarr", num_processes=2)
+    assert_same_bits(fused, expected)
+    vx.fuse(given, poses, rule=rule, out=tmp_path / "one.zarr")
+    names = [
+        sorted(
+            p.relative_to(tmp_path / f"{n}.zarr") for p in (tmp_path / f"{n}.zarr").rglob("*") if p.is_file()
+        )
+        for n in ("one", "two")
+    ]
+    assert names[0] == names[1]
+    assert sum("states" in name.parts and "c" in name.parts for name in names[0]) > 1
+    for name in names[0]:
+        assert (tmp_path / "one.zarr" / name).read_bytes() == (tmp_path / "two.zarr" / name).read_bytes()
+
+
+def test_what_fails_in_a_process_is_one_sentence_and_leaves_nothing(tmp_path):
+    (grid,) = opened(tmp_path, [make_grid(1, (290, 40, 18))])
+    chunk = tmp_path / "0.zarr" / "states" / "c" / "1" / "0" / "0"
+    chunk.write_bytes(chunk.read_bytes()[::-1])
+    with pytest.raises(InputError, match=r"the chunk \(4, 0, 0\) of its array 'states' is damaged\.$"):
+        vx.fuse([grid], [np.eye(4)], out=tmp_path / "m.zarr", num_processes=2)
+    assert os.listdir(tmp_path) == ["0.zarr"]
+
+
+def test_shares_are_disjoint_and_make_the_whole(tmp_path, monkeypatch):
+    grid = make_grid(1, (600, 300, 18))
+    plan = plan_fusion([grid], [np.eye(4)], rule="keep", voxel_size=grid.voxel_size)
+    assert plan is not None
+    written = []
+    monkeypatch.setattr(MapStore, "write", lambda self, place, windows: written.append(tuple(place)))
+    store = MapStore(tmp_path / "m.zarr", plan.shape)
+    for index in range(4):
+        stored.write_share(plan, store, index, 4)
+    assert sorted(written) == [(x, y, 0) for x in range(3) for y in range(2)]
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"num_processes": 2}, "num_processes is for out, got 2 and no out; give out, or leave it at 1"),
+        ({"num_processes": 0, "out": "m.zarr"}, "num_processes must be a whole number, 1 or more, got 0"),
+    ],
+)
+def test_processes_are_for_stores_and_at_least_one(tmp_path, monkeypatch, options, sentence):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=sentence):
+        vx.fuse([make_grid(1)], [np.eye(4)], **options)
+
+
+def test_memory_is_asked_for_all_processes(tmp_path, monkeypatch):
+    monkeypatch.setenv("VOXJAX_MEMORY", "1.5")
+    with pytest.raises(
+        InputError, match=r"by 4 processes needs about .* take fewer of these, or check the poses"
+    ):
+        vx.fuse([make_grid(1)], [np.eye(4)], out=tmp_path / "m.zarr", num_processes=4)
+    assert os.listdir(tmp_path) == []

@@ -63,6 +63,7 @@ def _run(args: argparse.Namespace, temporaries: contextlib.ExitStack) -> int:
         config=config,
         on_stage=progress,
         out=store,
+        num_processes=args.processes,
     )
     # A part of the maps is written only on request: a map that lacks a robot's part looks like a whole one.
     is_written = merged.status == "merged" or (merged.status == "partial" and args.allow_partial)
@@ -167,6 +168,10 @@ def _check(args: argparse.Namespace) -> None:
         raise InputError(f"merge needs at least two maps, got only {args.maps[0]}.")
     if args.init_guess is not None and len(args.maps) != 2:
         raise InputError(f"--init-guess is the pose of one pair, so it needs two maps, got {len(args.maps)}.")
+    if args.processes > 1 and Path(args.output).suffix.lower() != ".zarr":
+        raise InputError(
+            f"--processes is for a fused map in a store (.zarr), got {args.output}; leave it out, or name a store."
+        )
     check_inputs(args.maps)
     outputs = [
         (args.output, ENDINGS),

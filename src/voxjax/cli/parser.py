@@ -171,6 +171,13 @@ def _add_merge(commands) -> None:
         "says; work that needs more is refused. A fused map in a store (.zarr) is written window by window",
     )
     command.add_argument(
+        "--processes",
+        type=process_count,
+        default=1,
+        metavar="N",
+        help="with a fused map in a store (.zarr), how many processes share its fusion; worth it for large maps alone",
+    )
+    command.add_argument(
         "--config", metavar="F.toml", help="settings of the stages; their keys: docs/settings.md"
     )
     command.add_argument(
@@ -273,6 +280,14 @@ def box(text: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
             f"must be six numbers x0,y0,z0,x1,y1,z1 of which the first three lie below the last three, got {text!r}"
         )
     return numbers[:3], numbers[3:]
+
+
+def process_count(text: str) -> int:
+    """A whole number from 1 on."""
+    number = whole_number(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"must be 1 or more, got {text!r}")
+    return number
 
 
 def whole_number(text: str) -> int:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import InputError, check_choice, check_list, check_pose, check_voxel_size
+from .._checks import InputError, check_choice, check_count, check_list, check_pose, check_voxel_size
 from .._runtime.forks import refused_after_fork
 from .._runtime.memory import check_memory
 from .._runtime.placement import is_traced
@@ -35,6 +35,7 @@ def fuse(
     interpolation: str = "nearest",
     onto: VoxelGrid | None = None,
     out: str | os.PathLike | None = None,
+    num_processes: int = 1,
 ) -> VoxelGrid:
     """Fuse maps into one, in the frame that the poses map into.
 
@@ -57,6 +58,9 @@ def fuse(
         out: Name of a Zarr store, ending in .zarr: the fused map is written there window by window, the same to the
             bit, and maps that are themselves in stores are read as needed, so that none has to fit the memory. An
             older store is replaced.
+        num_processes: How many processes share the work with `out`; each writes a part of the store, which appears
+            whole or not at all. To begin, each takes seconds, and a copy of maps that are in memory; maps in stores are
+            read by each for itself.
 
     Returns:
         The fused map; with log-odds under the rule "log_odds" only, the others are about states. It is kept in blocks
@@ -70,6 +74,11 @@ def fuse(
     """
     check_choice("interpolation", interpolation, ("nearest", "trilinear"))
     store = None if out is None else check_out(out)
+    num_processes = check_count("num_processes", num_processes, least=1)
+    if num_processes > 1 and store is None:
+        raise InputError(
+            f"num_processes is for out, got {num_processes} and no out; give out, or leave it at 1."
+        )
     if interpolation == "trilinear":
         if out is not None:
             raise InputError(
@@ -92,7 +101,7 @@ def fuse(
     # Where nothing is known in any map, there is no box to fuse.
     nothing = VoxelGrid(np.zeros((1, 1, 1), np.uint8), np.zeros(3), voxel_size)
     if store is not None:
-        return fuse_into_store(plan, nothing, store)
+        return fuse_into_store(plan, nothing, store, num_processes=num_processes)
     return nothing if plan is None else _fused(plan)
 
 

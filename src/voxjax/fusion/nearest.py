@@ -294,13 +294,18 @@ def _stored(grid: VoxelGrid, *, with_log_odds: bool = False) -> Stored:
     side = 8 * BLOCK
     cubes = np.zeros([-(-n // side) for n in grid.shape], bool)
     cubes[tuple(grid.cubes(side).T)] = True
-
-    def read(low: tuple[int, ...], high: tuple[int, ...]) -> tuple[np.ndarray, ...]:
-        log_odds = grid.log_odds_in(low, high) if with_log_odds else None
-        states = grid.states_in(low, high)
-        return (states,) if log_odds is None else (states, log_odds)
-
+    # Of a module, so that a plan goes to other processes.
+    read = functools.partial(_read_window, grid, with_log_odds)
     return Stored(grid.shape, cubes, side, read, 2 if with_log_odds and grid.has_log_odds else 1)
+
+
+def _read_window(
+    grid: VoxelGrid, with_log_odds: bool, low: tuple[int, ...], high: tuple[int, ...]
+) -> tuple[np.ndarray, ...]:
+    """States of a window and, if they are asked for and there, log-odds."""
+    log_odds = grid.log_odds_in(low, high) if with_log_odds else None
+    states = grid.states_in(low, high)
+    return (states,) if log_odds is None else (states, log_odds)
 
 
 def _source(

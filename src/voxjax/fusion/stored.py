@@ -1,5 +1,6 @@
 """Fusion into a Zarr store: window by window, each written before the next is fused."""
 
+import itertools
 import os
 from collections.abc import Iterator
 from functools import partial
@@ -10,6 +11,7 @@ from jaxtyping import Int
 
 from .._checks import InputError, shown
 from .._runtime.memory import check_memory
+from .._runtime.processes import run_in_processes
 from .._runtime.whole_files import check_writable, write_files
 from .._runtime.whole_folders import Folder
 from ..grid import VoxelGrid
@@ -37,27 +39,36 @@ def check_out(out: object) -> Path:
     return check_writable(out, force=True, marker=MARKER)
 
 
-def fuse_into_store(plan: BlockFusion | None, nothing: VoxelGrid, out: Path) -> VoxelGrid:
+def fuse_into_store(
+    plan: BlockFusion | None, nothing: VoxelGrid, out: Path, *, num_processes: int = 1
+) -> VoxelGrid:
     """Fuse maps into a store, which appears whole or not at all.
 
     Args:
         plan: What is fused, and where the result lies; None where nothing is known.
         nothing: The map for that case.
         out: Name of the store; an older one is replaced.
+        num_processes: How many share the work; 1 is this one.
 
     Returns:
         The map in the store, opened.
 
     Raises:
-        InputError: If the memory does not suffice for a window, or the store cannot be written.
+        InputError: If the memory does not suffice for the windows, or the store cannot be written.
     """
     if plan is None:
         folder = encode_zarr(nothing)
     else:
         size = " x ".join(map(str, plan.shape))
         what = f"a fused map of {size} voxels of {plan.voxel_size:g} m, written window by window,"
-        check_memory(store_fuse_memory(len(plan.sources), plan.rule), what, ADVICE)
-        folder = Folder(partial(_write, plan), MARKER)
+        need, advice = store_fuse_memory(len(plan.sources), plan.rule), ADVICE
+        if num_processes > 1:
+            what = f"{what} by {num_processes} processes"
+            advice = f"take fewer of these, or {ADVICE}"
+            # An interpreter with all packages, and a copy of the maps that are in memory.
+            need = num_processes * (need + 0.3e9 + sum(source.num_bytes for source in plan.sources))
+        check_memory(need, what, advice)
+        folder = Folder(partial(_write, plan, num_processes), MARKER)
     write_files({out: folder}, force=True)
     return read_map(out)
 
@@ -77,11 +88,27 @@ def store_fuse_memory(num_maps: int, rule: str, *, fixed: float = 0.25e9) -> flo
     return fixed + num_maps * (3.0 * per_voxel * reach + num_arrays * 0.07e9)
 
 
-def _write(plan: BlockFusion, folder: Path) -> None:
+def _write(plan: BlockFusion, num_processes: int, folder: Path) -> None:
     """Make the store."""
     has_log_odds = plan.rule == "log_odds"
     store = MapStore.make(folder, plan.shape, plan.origin, plan.voxel_size, has_log_odds=has_log_odds)
-    for place in _shards(plan):
+    if num_processes == 1:
+        write_share(plan, store, 0, 1)
+    else:
+        run_in_processes(write_share, [(plan, store, index, num_processes) for index in range(num_processes)])
+
+
+def write_share(plan: BlockFusion, store: MapStore, index: int, count: int) -> None:
+    """Fuse one process's share of the shards of a store, which no other share has.
+
+    Args:
+        plan: What is fused.
+        store: Where it goes.
+        index: Which share, from 0 on.
+        count: How many there are.
+    """
+    # Neighbours go to different processes: what is known lies in few places, and all are to get some of each.
+    for place in itertools.islice(_shards(plan), index, None, count):
         store.write(place, _fused_windows(plan, *store.shard_box(place)))
 
 

@@ -34,6 +34,7 @@ def merge(
     config: Config | Mapping | None = None,
     on_stage: OnStage | None = None,
     out: str | os.PathLike | None = None,
+    num_processes: int = 1,
 ) -> Merge:
     """Merge two or more maps whose relative poses are unknown.
 
@@ -50,6 +51,7 @@ def merge(
         config: Settings of the stages, see `voxjax.pipeline.config`.
         on_stage: Called with the name of each stage as it starts.
         out: Name of a Zarr store that the fused map is written to, see `voxjax.fuse`; None keeps it in memory.
+        num_processes: How many processes share the fusion into `out`, see `voxjax.fuse`.
 
     Returns:
         The fused map, the poses and the registrations behind them.
@@ -109,7 +111,8 @@ def merge(
             stages.announce("fuse")
             # The maps as they were given are fused, not those at the working voxel size: no detail is lost for
             # the registration.
-            grid = fuse([grids[n] for n in chosen], [poses[n] for n in chosen], rule=rule, out=out)
+            options = {"rule": rule, "out": out, "num_processes": num_processes}
+            grid = fuse([grids[n] for n in chosen], [poses[n] for n in chosen], **options)
     status: Status = "no_overlap" if not chosen else "merged" if len(chosen) == len(grids) else "partial"
     return Merge(
         grid=grid,

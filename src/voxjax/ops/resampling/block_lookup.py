@@ -82,6 +82,11 @@ class MovedBlocks:
         """How many values a voxel has."""
         return len(self.arrays)
 
+    @property
+    def num_bytes(self) -> int:
+        """Memory that the map takes [byte]."""
+        return sum(array.num_bytes for array in self.arrays)
+
     def parts(self, number: int) -> Iterator[tuple[Int[np.ndarray, "m 3"], Shaped[np.ndarray, "m 8 8 8"]]]:
         """Blocks of one of the arrays that are not all 0, in lexicographic order: their places, and their values."""
         return self.arrays[number].parts()

@@ -37,6 +37,11 @@ class MovedStore:
         """How many values a voxel has."""
         return self.stored.num_arrays
 
+    @property
+    def num_bytes(self) -> int:
+        """Memory that the map takes [byte]: none, but for what of it was read last."""
+        return 0
+
     def parts(self, number: int) -> Iterator[tuple[Int[np.ndarray, "m 3"], Shaped[np.ndarray, "m 8 8 8"]]]:
         """Blocks of one of the arrays that are not all 0, in lexicographic order: their places, and their values."""
         return self.stored.parts(number)
