@@ -34,8 +34,8 @@ from .ops.blocks import kept
 from .ops.blocks.block_array import BlockArray, Corner
 from .ops.blocks.chunked_array import ChunkedArray
 from .ops.blocks.kept import Sparse
+from .ops.resampling.from_points import grid_from_points
 from .ops.resampling.lattice import about_middle, origin_in_voxels
-from .ops.resampling.raycast import grid_from_points
 from .ops.resampling.rescale import rescale_states
 from .ops.resampling.rescale_blocks import rescale_blocks
 from .ops.resampling.rigid import resample_blocks, resample_rigid

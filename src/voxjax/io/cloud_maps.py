@@ -9,7 +9,7 @@ from ..grid import VoxelGrid
 from ..maps import findings
 from ..maps.findings import Remark
 from ..maps.isolated import isolated_pieces
-from ..ops.resampling.raycast import grid_from_points
+from ..ops.resampling.from_points import grid_from_points
 from .budget import Budget
 from .clouds import (
     Cloud,
