@@ -11,7 +11,7 @@ import pytest
 from command_line import WORLD, fake_register, files, one_line
 from fake_register import cube_map, pose
 from file_limits import largest_file
-from voxjax import read_map
+from voxjax import VoxelGrid, read_map, write_map
 from voxjax._runtime.whole_files import write_files
 from voxjax.cli.main import main
 from voxjax.view import page
@@ -35,6 +35,24 @@ def test_merge_writes_all_outputs_and_exits_with_0(monkeypatch, maps, capsys):
     shown = capsys.readouterr()
     assert "maps 0 and 1: hypotheses" in shown.err
     assert "m1.npz: x 1.000, y -2.000, z 0.000 m" in shown.out
+
+
+def test_a_file_that_does_not_reach_so_far_is_refused_before_the_work(monkeypatch, tmp_path, capsys):
+    monkeypatch.chdir(tmp_path)
+    fake = fake_register(monkeypatch)
+    for number in range(2):
+        grid = cube_map(number)
+        far = VoxelGrid(grid.states, np.asarray(grid.origin) + [4e5, 5e6, 0.0], grid.voxel_size)
+        write_map(f"m{number}.npz", far)
+    for ending in ("bt", "ot"):
+        assert main(["merge", "m0.npz", "m1.npz", "-o", f"out.{ending}", "-q"]) == 2
+        shown = capsys.readouterr().err
+        assert (
+            f"out.{ending} cannot be written: OctoMap files reach 32768 voxels from the frame's origin"
+            in shown
+        )
+    assert fake.calls == []
+    assert files() == ["m0.npz", "m1.npz"]
 
 
 def test_stores_are_merged_into_a_store_that_appears_with_the_other_files(monkeypatch, maps, capsys):

@@ -12,7 +12,7 @@ import numpy as np
 from .._checks import InputError
 from .._runtime.whole_files import Content, write_files
 from .._runtime.whole_folders import Folder, temporary_beside
-from ..io import ENDINGS, LoadedMap, encode_map, read_map
+from ..io import ENDINGS, LoadedMap, check_place, encode_map, read_map
 from ..io.zarr_chunks import MARKER
 from ..pipeline.config import Config
 from ..pipeline.many import merge
@@ -52,6 +52,8 @@ def _run(args: argparse.Namespace, temporaries: contextlib.ExitStack) -> int:
     for path, grid in zip(args.maps, grids, strict=True):
         if grid.num_occupied == 0:
             raise InputError(f"{path} has no occupied voxel, so there is nothing to align; leave it out.")
+    # The fused map lies where the first map does, in its frame.
+    check_place(args.output, grids[0])
     is_store = Path(args.output).suffix.lower() == ".zarr"
     store = temporary_beside(Path(args.output), temporaries, ".zarr") if is_store else None
     merged = merge(

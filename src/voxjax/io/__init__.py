@@ -12,6 +12,7 @@ from .map_files import ENDINGS as ENDINGS
 from .map_files import DescribedMap as DescribedMap
 from .map_files import LoadedMap as LoadedMap
 from .map_files import MapWarning as MapWarning
+from .map_files import check_place as check_place
 from .map_files import describe_map as describe_map
 from .map_files import encode_map as encode_map
 from .map_files import load_map as load_map

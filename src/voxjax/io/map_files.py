@@ -16,7 +16,7 @@ from .decoding import TREE_ENDINGS, ReadOptions, decode_map, decode_store, descr
 from .files import read_bytes
 from .map_facts import MapFacts, facts_of_grid
 from .npz import encode_npz
-from .octomap import encode_bt, encode_ot
+from .octomap import check_reach, encode_bt, encode_ot
 from .ply import encode_ply
 from .zarr_chunks import StoreError
 from .zarr_writing import encode_zarr
@@ -227,6 +227,24 @@ def encode_map(path: str | os.PathLike, grid: VoxelGrid) -> Content:
         return encode(grid)
     except InputError as error:
         raise InputError(f"{path} cannot be written: {str(error).removesuffix('.')}.") from error
+
+
+def check_place(path: str | os.PathLike, grid: VoxelGrid) -> None:
+    """Refuse a file whose format does not reach where a grid lies, before work is done for it.
+
+    Args:
+        path: The file, which need not exist.
+        grid: A map in the frame of the one that will be written.
+
+    Raises:
+        InputError: If the format does not reach there; the message names the path.
+    """
+    path = _as_path(path)
+    if _ending(path) in TREE_ENDINGS:
+        try:
+            check_reach(grid)
+        except InputError as error:
+            raise InputError(f"{path} cannot be written: {str(error).removesuffix('.')}.") from error
 
 
 def _as_path(path: object) -> Path:

@@ -201,6 +201,21 @@ def encode_ot(grid: VoxelGrid) -> bytes:
     return write_header(FULL_LINE, len(sorted_nodes), grid.voxel_size) + sorted_nodes.tobytes()
 
 
+def check_reach(grid: VoxelGrid) -> None:
+    """Refuse a grid that lies farther from zero than OctoMap counts voxels.
+
+    Raises:
+        InputError: If it does.
+    """
+    first, end = grid.known_box()
+    low = np.rint(np.asarray(grid.origin, np.float64) / grid.voxel_size).astype(np.int64) + NUM_KEYS // 2
+    if (low + first < 0).any() or (low + end > NUM_KEYS).any():
+        raise InputError(
+            f"OctoMap files reach {NUM_KEYS // 2} voxels from the frame's origin along each axis, and this "
+            f"grid lies farther out, from voxel {(low + first - NUM_KEYS // 2).tolist()}; move it or use .npz"
+        )
+
+
 def _check_nodes(states: BlockArray, ending: str, *, bytes_per_inner: int, bytes_per_leaf: int) -> None:
     """Refuse a map for whose nodes the memory does not suffice.
 
@@ -232,13 +247,8 @@ def _lowest_key(grid: VoxelGrid) -> np.ndarray | None:
             f"OctoMap files need an origin at whole multiples of the voxel size {grid.voxel_size:g} m, got "
             f"{np.asarray(grid.origin).tolist()}; resample it first with with_voxel_size (--voxel-size)"
         )
-    low += NUM_KEYS // 2
-    if (low + first < 0).any() or (low + end > NUM_KEYS).any():
-        raise InputError(
-            f"OctoMap files reach {NUM_KEYS // 2} voxels from the frame's origin along each axis, and this "
-            f"grid lies farther out, from voxel {(low + first - NUM_KEYS // 2).tolist()}; move it or use .npz"
-        )
-    return low
+    check_reach(grid)
+    return low + NUM_KEYS // 2
 
 
 def _check_log_odds(states: BlockArray, log_odds: BlockArray) -> None:

@@ -39,7 +39,7 @@ def test_groups_hold_each_ray_once_and_fit(monkeypatch):
         assert (end[rays].max(axis=0) - begin[rays].min(axis=0)).prod() <= 1000
     # Equal rays cannot be told apart by where they lie.
     same = [np.zeros((7, 3), np.int64), np.full((7, 3), 9, np.int64)]
-    assert [len(rays) for rays in raycast_blocks._near_each_other(*same, 729)] == [7]
+    assert [len(rays) for rays in raycast_blocks._near_each_other(same[0], same[1], 729)] == [7]
 
 
 def test_blocks_that_do_not_fit_are_refused_before_they_are_made(monkeypatch):
