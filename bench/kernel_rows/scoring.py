@@ -37,11 +37,11 @@ def rows(*, quick: bool) -> Iterator[KernelRow]:
     listed = rng.permutation(len(index))[: 4096 if quick else 16384]
     points = ((index[listed] + 0.5) * _VOXEL).astype(np.float32)
     for count in (64,) if quick else (64, 1024):
-        yield _score_row(codes, dims, points, _poses(count))
-    yield _surface_row(codes, keys, dims, normals, points, normals[listed], _poses(16 if quick else 64))
+        yield _score_row(codes, dims, points, poses_around(count))
+    yield _surface_row(codes, keys, dims, normals, points, normals[listed], poses_around(16 if quick else 64))
 
 
-def _poses(count: int) -> np.ndarray:
+def poses_around(count: int) -> np.ndarray:
     """Poses float32 (count, 4, 4) around the identity."""
     rng = np.random.default_rng(1)
     poses = np.tile(np.eye(4, dtype=np.float32), (count, 1, 1))

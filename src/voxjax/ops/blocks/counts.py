@@ -156,11 +156,23 @@ def count_in_blocks(blocks: Blocks, *, size: int = 7) -> UInt16[Array, "k 8 8 8"
     side = BLOCK + 2 * reach
     # Blocks may have been cut with a wider halo than this window needs; along z the surplus is shifted out.
     rows = blocks.words[:, spare : spare + side, spare : spare + side] >> np.uint32(spare)
+    return count_cubes(rows, edge=BLOCK, size=size)
+
+
+def count_cubes(rows: UInt32[Array, "k s s"], *, edge: int, size: int) -> UInt16[Array, "k e e e"]:
+    """Counts of windows in cubes of bits, cut out with half a window around them.
+
+    Args:
+        rows: Words of cubes of `edge + 2 (size // 2)` voxels, at most 32, one word a column along z; bits above are not
+            looked at.
+        edge: Edge of the cubes that are counted [voxel], a multiple of 4.
+        size: Window edge [voxel]; odd, 1 to 15.
+    """
     # z and y are summed in the bytes of words, four voxels at a time: fewer bytes to move than a count for each voxel.
-    halves = [_sum_along(_count_along_z(rows, half, size), 1, size) for half in (0, 4)]
-    pairs = jax.lax.optimization_barrier(jnp.stack(halves, axis=-1))
+    fours = [_sum_along(_count_along_z(rows, first, size), 1, size) for first in range(0, edge, 4)]
+    together = jax.lax.optimization_barrier(jnp.stack(fours, axis=-1))
     # Four counts of one byte in each word, in the order of z; two summed axes hold at most 225, the third needs uint16.
-    counts = jax.lax.bitcast_convert_type(pairs, jnp.uint8).reshape(-1, BLOCK, side, BLOCK)
+    counts = jax.lax.bitcast_convert_type(together, jnp.uint8).reshape(-1, edge, rows.shape[2], edge)
     return _sum_along(counts.astype(jnp.uint16), 2, size)
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from functools import partial
-from itertools import product
 from math import gcd
 
 import jax
@@ -13,9 +12,10 @@ from jaxtyping import Bool, Int32, UInt8, UInt16, UInt32
 
 from ..._checks import InputError
 from ..._runtime.forks import refused_after_fork
+from ..._runtime.materialize import materialized
 from ..._types import Array
 from ..bits import pack_bits
-from ..blocks.counts import MAX_HALO, Blocks, count_in_blocks
+from ..blocks.counts import MAX_HALO, count_cubes
 from ..blocks.words import BLOCK
 from ..window.box import check_shift, check_size
 from ..window.classes import classes_of_counts
@@ -40,7 +40,7 @@ def count_in_shards(blocks: ShardedBlocks, *, size: int = 7) -> UInt16[jax.Array
     size = check_size(size)
 
     def count(words: jax.Array) -> jax.Array:
-        return count_in_blocks(_as_blocks(words), size=size)
+        return _counts_with_margin(words, size, 0)
 
     return _over_listed(blocks, count)
 
@@ -94,8 +94,13 @@ def _over_listed(blocks: ShardedBlocks, kernel: Callable[..., jax.Array], *value
         bits = _bits_of(part)
         # So many at once that what the kernel makes of them stays in the cache; lists have lengths of the ladder.
         together = gcd(part.places.shape[0], 256)
-        batches = part.places.reshape(-1, together, 3)
-        found = jax.lax.map(lambda places: kernel(_words_around(part, bits, places), *values), batches)
+
+        def on_some(places: jax.Array) -> jax.Array:
+            # Written down first: otherwise they would be put together for each voxel along z anew.
+            words = materialized(lambda: _words_around(part, bits, places), part.span[0, 0] >= 0)
+            return kernel(words, *values)
+
+        found = jax.lax.map(on_some, part.places.reshape(-1, together, 3))
         return found.reshape(-1, BLOCK, BLOCK, BLOCK)
 
     run = jax.shard_map(
@@ -109,51 +114,41 @@ def _over_listed(blocks: ShardedBlocks, kernel: Callable[..., jax.Array], *value
     return run(blocks, *values)
 
 
-def _bits_of(part: ShardedBlocks) -> UInt8[jax.Array, "rows 8 8"]:
-    """Which voxels of the pool hold the value that is listed, those along z as the bits of a byte."""
+def _bits_of(part: ShardedBlocks) -> UInt32[jax.Array, "rows 16"]:
+    """Which voxels of the pool hold the value that is listed: a byte a column along z, four columns a word."""
     is_held = part.pool == jnp.asarray(part.value, part.pool.dtype)
-    words = pack_bits(is_held.reshape(-1))
-    return jax.lax.bitcast_convert_type(words, jnp.uint8).reshape(-1, BLOCK, BLOCK)
+    return jnp.asarray(pack_bits(is_held.reshape(-1))).reshape(len(is_held), -1)
 
 
 def _words_around(
-    part: ShardedBlocks, bits: UInt8[jax.Array, "rows 8 8"], places: Int32[jax.Array, "k 3"]
+    part: ShardedBlocks, bits: UInt32[jax.Array, "rows 16"], places: Int32[jax.Array, "k 3"]
 ) -> UInt32[jax.Array, "k 24 24"]:
     """Bits of blocks and of the 26 around each, one word a column along z."""
     steps = np.stack(np.meshgrid(*(np.arange(-1, 2, dtype=np.int32),) * 3, indexing="ij"), axis=-1)
     number = part.numbers_at(places[:, None, None, None, :] + jnp.asarray(steps)[None])
     rows = part.rows_of(number, number >= 0)
-    below, within, above = (
-        bits.at[rows[..., k]].get(mode="promise_in_bounds").astype(jnp.uint32) for k in range(3)
-    )
+    # Words are looked up and bytes are joined: the other way round there are four times as many lookups.
+    found = jax.lax.optimization_barrier(bits.at[rows].get(mode="promise_in_bounds"))
+    columns = jax.lax.bitcast_convert_type(found, jnp.uint8).reshape(-1, 3, 3, 3, BLOCK, BLOCK)
+    below, within, above = (columns[:, :, :, k].astype(jnp.uint32) for k in range(3))
     words = below | (within << np.uint32(BLOCK)) | (above << np.uint32(2 * BLOCK))
     return words.transpose(0, 1, 3, 2, 4).reshape(-1, 3 * BLOCK, 3 * BLOCK)
-
-
-def _as_blocks(words: UInt32[jax.Array, "k s s"]) -> Blocks:
-    """Words as `count_in_blocks` takes them, which looks at nothing else."""
-    count = words.shape[0]
-    return Blocks(
-        words, jnp.zeros((count, 3), jnp.int32), jnp.ones(count, jnp.bool_), jnp.asarray(count, jnp.int32)
-    )
 
 
 def _counts_with_margin(
     words: UInt32[jax.Array, "k 24 24"], size: int, shift: int
 ) -> UInt16[jax.Array, "k m m m"]:
-    """Counts of blocks and of `shift` voxels around each, from as many cubes of 8 voxels as it takes."""
-    side, reach = BLOCK + 2 * shift, size // 2
-    cubes = -(-side // BLOCK)
-    first, width = BLOCK - shift - reach, BLOCK + 2 * reach
-    # The last cubes may look past the words; what they find there is cut off.
-    missing = max(first + BLOCK * (cubes - 1) + width - 3 * BLOCK, 0)
-    padded = jnp.pad(words, ((0, 0), (0, missing), (0, missing)))
-    starts = [first + BLOCK * cube for cube in range(cubes)]
-    parts = [padded[:, x : x + width, y : y + width] >> np.uint32(z) for x, y, z in product(starts, repeat=3)]
-    counts = count_in_blocks(_as_blocks(jnp.concatenate(parts)), size=size)
-    whole = counts.reshape(cubes, cubes, cubes, -1, BLOCK, BLOCK, BLOCK).transpose(3, 0, 4, 1, 5, 2, 6)
-    whole = whole.reshape(-1, *(BLOCK * cubes,) * 3)[:, :side, :side, :side]
-    return jax.lax.optimization_barrier(whole)
+    """Counts of blocks and of `shift` voxels around each."""
+    reach, side = size // 2, BLOCK + 2 * shift
+    # Voxels are counted four at a time; what is counted beyond the margin is cut off.
+    edge = -(-side // 4) * 4
+    first, width = BLOCK - shift - reach, edge + 2 * reach
+    missing = max(first + width - words.shape[1], 0)
+    rows = jnp.pad(words, ((0, 0), (0, missing), (0, missing)))[
+        :, first : first + width, first : first + width
+    ]
+    counts = count_cubes(rows >> np.uint32(first), edge=edge, size=size)
+    return jax.lax.optimization_barrier(counts[:, :side, :side, :side])
 
 
 def _voxels(words: UInt32[jax.Array, "k 24 24"]) -> Bool[jax.Array, "k 8 8 8"]:
