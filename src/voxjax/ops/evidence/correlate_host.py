@@ -8,7 +8,7 @@ from typing import cast
 
 import numpy as np
 from jaxtyping import Complex64, Float, Float32, UInt8
-from scipy.fft import irfftn, next_fast_len, rfftn
+from scipy.fft import fft, irfftn, next_fast_len, rfft
 
 from .lookup import Block, cells_on_host, turned_on_host
 from .scoring import CONFLICT, HIT
@@ -79,26 +79,72 @@ def coarse_spectra_on_host(
         places -= shift[axis]
         flat = flat * np.int32(box[axis]) + np.clip(places, 0, box[axis] - 1, out=places).astype(np.int32)
     ask = np.bincount(flat, weights, minlength=int(np.prod(box))).astype(np.float32).reshape(box)
-    # The transform fills the block up with zeros, so that what is shifted past the map meets nothing.
-    return np.asarray(rfftn(offer, s=cells)), np.asarray(rfftn(ask, s=cells))
+    return filled_spectrum(offer, cells=cells), filled_spectrum(ask, cells=cells)
+
+
+def filled_spectrum(
+    field: Float32[np.ndarray, "_ _ _"], *, cells: tuple[int, int, int]
+) -> Complex64[np.ndarray, "x y w"]:
+    """`rfftn` of a field that is filled up with zeros, so that what is shifted past the map meets nothing.
+
+    Args:
+        field: Values in the low corner of the block.
+        cells: Size of the block.
+    """
+    # Rows of zeros alone are not transformed: an axis is filled up when its turn comes. The order of the axes is that
+    # of `rfftn`, and so are the bits.
+    spectrum = rfft(field, n=cells[2], axis=2)
+    for axis in range(2):
+        spectrum = fft(spectrum, n=cells[axis], axis=axis, overwrite_x=True)
+    return np.asarray(spectrum)
 
 
 def reversed_spectrum(
-    spectrum: Complex64[np.ndarray, "x y w"], is_reversed: np.ndarray, *, cells: tuple[int, int, int]
-) -> Complex64[np.ndarray, "x y w"]:
+    spectrum: Complex64[np.ndarray, "x y w"], is_reversed: np.ndarray, rows: slice = slice(None)
+) -> Complex64[np.ndarray, "_ y w"]:
     """Transform of a real block reversed along some axes, about its first cell: `f(-x)` instead of `f(x)`.
 
     Args:
         spectrum: Half spectrum that `rfftn` gives.
         is_reversed: For each axis, whether to reverse it.
-        cells: Size of the block.
+        rows: Which part along x to give.
     """
     # The half that is stored knows the last axis forward only: a real block's other half is the conjugate at -k.
     # The conjugate reverses all three axes, so the axes that shall differ from the last one are reversed here.
-    for axis in range(2):
-        if is_reversed[axis] != is_reversed[2]:
-            spectrum = np.take(spectrum, -np.arange(cells[axis]) % cells[axis], axis=axis)
-    return np.conj(spectrum) if is_reversed[2] else spectrum
+    backward = [-np.arange(size) % size for size in spectrum.shape[:2]]
+    part = spectrum[backward[0][rows]] if is_reversed[0] != is_reversed[2] else spectrum[rows]
+    if is_reversed[1] != is_reversed[2]:
+        part = np.take(part, backward[1], axis=1)
+    return np.conj(part) if is_reversed[2] else part
+
+
+def matched_spectra(
+    offer_a: Complex64[np.ndarray, "x y w"],
+    ask_a: Complex64[np.ndarray, "x y w"],
+    offer_b: Complex64[np.ndarray, "x y w"],
+    ask_b: Complex64[np.ndarray, "x y w"],
+    is_reversed: np.ndarray,
+) -> Complex64[np.ndarray, "x y w"]:
+    """Transform of the scores of all translations, `offer_a conj(ask_b) + ask_a conj(offer_b)`.
+
+    Args:
+        offer_a: What map a offers, from `coarse_spectra_on_host`.
+        ask_a: What map a asks.
+        offer_b: What map b offers.
+        ask_b: What map b asks.
+        is_reversed: For each axis, whether the block of b is reversed along it, about its first cell.
+    """
+    # Parts of so many entries stay in a core's cache through all the steps.
+    most = 1 << 15
+    total = np.empty_like(offer_a)
+    step = max(most // max(offer_a[0].size, 1), 1)
+    for start in range(0, len(total), step):
+        rows = slice(start, start + step)
+        # The conjugate turns convolution into correlation.
+        asked, offered = (np.conj(reversed_spectrum(field, is_reversed, rows)) for field in (ask_b, offer_b))
+        part = np.multiply(asked, offer_a[rows], out=total[rows])
+        part += np.multiply(offered, ask_a[rows], out=offered)
+    return total
 
 
 def correlation_peaks_on_host(
@@ -106,6 +152,7 @@ def correlation_peaks_on_host(
     ask_a: Complex64[np.ndarray, "x y w"],
     offer_b: Complex64[np.ndarray, "x y w"],
     ask_b: Complex64[np.ndarray, "x y w"],
+    is_reversed: np.ndarray,
     *,
     cells: tuple[int, int, int],
     num_peaks: int,
@@ -117,21 +164,20 @@ def correlation_peaks_on_host(
         ask_a: What map a asks.
         offer_b: What map b offers.
         ask_b: What map b asks.
+        is_reversed: For each axis, whether the block of b is reversed along it, about its first cell.
         cells: Size of the block; multiples of `PEAK_BLOCK`.
         num_peaks: At most so many.
 
     Returns:
         Scores float32 (k,), best first, and translations int64 (k, 3) [cell], modulo the block, in [0, cells).
     """
-    # The conjugate turns convolution into correlation, and both directions of it are summed before the
-    # one transform back.
-    spectrum = offer_a * np.conj(ask_b)
-    spectrum += ask_a * np.conj(offer_b)
+    # Both directions are summed before the one transform back.
+    spectrum = matched_spectra(offer_a, ask_a, offer_b, ask_b, is_reversed)
     score = np.asarray(irfftn(spectrum, s=cells, overwrite_x=True))
     best = score
     # The largest of each block, one axis after the other; where it lies is only looked for in the blocks that are kept.
     for axis in range(3):
-        parts = [np.take(best, range(i, best.shape[axis], PEAK_BLOCK), axis=axis) for i in range(PEAK_BLOCK)]
+        parts = [best[(slice(None),) * axis + (slice(i, None, PEAK_BLOCK),)] for i in range(PEAK_BLOCK)]
         best = np.maximum(np.maximum(parts[0], parts[1]), np.maximum(parts[2], parts[3]))
     count = min(num_peaks, best.size)
     # The sort is stable: of equal scores the first block in C order comes first, on every machine.

@@ -14,7 +14,7 @@ from ..._runtime.placement import on_host, to_device
 from ..._runtime.threads import spread
 from ..._types import Array
 from .correlate import coarse_spectra, correlation_peaks
-from .correlate_host import block_size, coarse_spectra_on_host, correlation_peaks_on_host, reversed_spectrum
+from .correlate_host import block_size, coarse_spectra_on_host, correlation_peaks_on_host
 from .lookup import Block
 
 Cells = tuple[int, int, int]
@@ -113,10 +113,11 @@ def _needed(place: Placement) -> Cells:
     return _triple([block_size(int(n)) for n in place.box_a + place.box_b])
 
 
-def _batches(placements: Sequence[Placement], most: int = 1 << 29) -> list[list[int]]:
+def _batches(placements: Sequence[Placement], most: int = 1 << 27) -> list[list[int]]:
     """Rows of placements that are searched together: what is transformed for them takes at most so many bytes.
 
-    Placements that share transforms follow each other. Those of buildings are one batch.
+    Placements that share transforms follow each other. Those of buildings are one batch; batches of outdoor maps take
+    the memory that those before have left, for fresh pages of half a gigabyte cost as much as the transforms.
     """
     names = [(_needed(place), place.upright_b.tobytes()) for place in placements]
     batches: list[list[int]] = []
@@ -172,8 +173,8 @@ def _search_on_host(
     def search(job: tuple[Placement, Cells, tuple, tuple]) -> Peaks:
         place, cells, key_a, key_b = job
         # Quarter turns of b differ from the transformed one by reversed axes alone.
-        of_b = (reversed_spectrum(field, place.is_reversed, cells=cells) for field in known[key_b])
-        top, shift = correlation_peaks_on_host(*known[key_a], *of_b, cells=cells, num_peaks=num_peaks)
+        given = *known[key_a], *known[key_b], place.is_reversed
+        top, shift = correlation_peaks_on_host(*given, cells=cells, num_peaks=num_peaks)
         # Reversing a box about its first cell brings its last cell there.
         shift = shift - np.where(place.is_reversed, place.box_b - 1, 0)
         return top, _unwrapped(shift, place.box_a, cells)
