@@ -128,7 +128,7 @@ def sum_over_pieces(
     poses: Float32[np.ndarray, "k 4 4"],
     *,
     most: int = PIECES[-1],
-    least_lookups: int = 1 << 20,
+    least_lookups: int = 1 << 19,
 ) -> Float64[np.ndarray, "k m"]:
     """Sums over all points for each pose.
 

@@ -74,22 +74,31 @@ class SurfaceField(NamedTuple):
     def sums(self, T: Array, points: Array, normals: Array, weights: Array) -> Float32[Array, "10"]:
         """Hits, conflicts, undecided, opposed, and xx, xy, xz, yy, yz, zz of the information; columns in."""
         # Each step is written down before the next one reads it: ten sums would look everything up ten times over.
+        # Steps have one result each, for what two results share is computed twice. Normals alone are looked up where
+        # they are used: there that takes less than to write down three arrays.
         is_valid = self.block.voxel_size > 0
-        code, cell = materialized(lambda: self._met(T, points), is_valid)
-        met = materialized(
-            lambda: row_entries(self.normals, split_keys(entries(self.keys, cell))[0]), is_valid
-        )
+        cell = materialized(lambda: self._cells(T, points), is_valid)
+        code = materialized(lambda: self._codes_in(cell), is_valid)
+        row = materialized(lambda: self._rows_hit(cell, code), is_valid)
+        met = row_entries(self.normals, row)
         kind, gain = materialized(lambda: self._judged(T, code, met, normals, weights), is_valid)
         parts = [jnp.where(kind == k, weights, 0.0) for k in (HIT, CONFLICT, NEUTRAL, _OPPOSED)]
         parts += [gain * met[i] * met[j] for i in range(3) for j in range(i, 3)]
         return _sums_of(parts)
 
-    def _met(self, T: Array, points: Array) -> tuple[Array, Array]:
-        """Codes that points meet, and the cells of those that hit."""
+    def _cells(self, T: Array, points: Array) -> Array:
+        """Cells of points, -1 beyond the block."""
         cell, is_inside = self.block.cells_under(T, points)
-        code = values_at(self.codes, cell, is_inside, NOTHING)
+        return jnp.where(is_inside, cell, -1)
+
+    def _codes_in(self, cell: Array) -> Array:
+        """Codes that points meet in their cells."""
+        return values_at(self.codes, jnp.maximum(cell, 0), cell >= 0, NOTHING)
+
+    def _rows_hit(self, cell: Array, code: Array) -> Array:
+        """Rows of the voxels that are hit."""
         # Only a hit has a nearest voxel for sure; the others all look at one cell, which stays in the cache.
-        return code, jnp.where(code == HIT, cell, 0)
+        return split_keys(entries(self.keys, jnp.where(code == HIT, cell, 0)))[0]
 
     def _judged(self, T: Array, code: Array, met: Sequence[Array], normals: Array, weights: Array) -> tuple:
         """Codes with hits that face the other way told apart, and what the hits weigh along the normals they met."""
