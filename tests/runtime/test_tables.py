@@ -10,24 +10,20 @@ import pytest
 
 from voxjax._checks import InputError
 from voxjax._runtime import placement
-from voxjax._runtime.tables import MAX_CELLS, MAX_ROWS, as_table, reserve, table_length, table_lengths
+from voxjax._runtime.tables import MAX_CELLS, MAX_ROWS, as_table, check_cells, reserve, table_length
 from voxjax._runtime.threads import num_cores, spread
 
 
-def test_lengths_hold_volume_and_list_and_are_few():
-    lengths = {table_lengths(cells, rows) for cells in range(1, 10**8, 999_983) for rows in (1, cells // 100)}
-    assert len(lengths) <= 3
-    for cells, rows in ((5, 5), (1 << 21, 1 << 15), ((1 << 21) + 1, 9), (9, (1 << 15) + 1)):
-        volume, length = table_lengths(cells, rows)
-        assert volume >= cells
-        assert length >= rows
+def test_lengths_hold_what_is_asked_for_and_are_few():
+    assert {table_length(cells) for cells in range(0, 1 << 25, 999_983)} == {1 << 25}
+    assert len({table_length(cells) for cells in range(0, 10**8, 999_983)}) <= 4
+    for cells in (5, 1 << 25, (1 << 25) + 1, 10**9):
+        assert table_length(cells) >= cells
 
 
 def test_accelerators_have_the_finer_ladder(monkeypatch):
     monkeypatch.setattr(placement, "backend", lambda: "gpu")
-    volume, length = table_lengths(10_000_000, 100_000)
-    assert volume <= 1.5 * 10_000_000
-    assert length <= 1.5 * 100_000
+    assert 10_000_000 <= table_length(10_000_000) <= 1.5 * 10_000_000
 
 
 @pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="resident memory is read from /proc")
@@ -91,10 +87,7 @@ HUGE = (936, 1698, 174)
 @pytest.mark.parametrize("cells", [int(np.prod(HUGE)), 1 << 30, MAX_CELLS])
 def test_no_table_is_longer_than_int32_counts(monkeypatch: pytest.MonkeyPatch, name: str, cells: int) -> None:
     monkeypatch.setattr(placement, "backend", lambda: name)
-    for rows in (1, cells // 100, MAX_ROWS):
-        volume, length = table_lengths(cells, rows)
-        assert cells <= volume <= MAX_CELLS
-        assert rows <= length <= MAX_ROWS
+    assert cells <= table_length(cells) <= MAX_CELLS
     np.arange(2, dtype=np.int32) + np.int32(MAX_CELLS)  # one past the end is a number of 32 bits
 
 
@@ -103,9 +96,9 @@ def test_more_than_int32_counts_is_refused_in_a_sentence(cells: int, rows: int) 
     with pytest.raises(
         InputError, match=r"a map must have at most .* million (occupied )?voxels .*; take a larger"
     ):
-        table_lengths(cells, rows)
+        check_cells(cells, rows, "a map", "take a larger voxel size")
 
 
-def test_the_ladder_reserves_at_most_twice_what_a_large_map_needs() -> None:
+def test_the_ladder_reserves_at_most_half_more_than_a_large_map_needs() -> None:
     for cells in range(1 << 28, MAX_CELLS, 99_999_989):
-        assert table_length(cells) <= max(2 * cells, 1 << 29)
+        assert table_length(cells) <= 1.5 * cells

@@ -42,27 +42,6 @@ def check_cells(num_cells: int | float, num_rows: int | float, what: str, advice
             )
 
 
-def table_lengths(num_cells: int, num_rows: int) -> tuple[int, int]:
-    """Lengths of the tables for a volume and for a list of voxels in it; few different pairs.
-
-    Args:
-        num_cells: Cells of the volume.
-        num_rows: Rows of the list.
-
-    Raises:
-        InputError: If there are more than kernels can count, see `check_cells`.
-    """
-    check_cells(num_cells, num_rows, "a map", "take a larger voxel size, or crop the map")
-    if not on_host():
-        return min(bucket_size(num_cells, 1 << 20), MAX_CELLS), min(bucket_size(num_rows, 1 << 14), MAX_ROWS)
-    # Lists are tied to volumes, so that there are as few pairs of lengths as lengths. As a rule fewer than one cell
-    # in so many is occupied; for other maps the largest tables serve, which take no more memory than is written.
-    cells_a_row = 64
-    cells = max(table_length(num_cells), table_length(cells_a_row * min(num_rows, MAX_CELLS // cells_a_row)))
-    rows = cells // cells_a_row
-    return (cells, rows) if num_rows <= rows else (MAX_CELLS, MAX_ROWS)
-
-
 MAX_POOL_ROWS = MAX_CELLS >> 9
 """Longest pool of blocks of 512 cells: kernels count its cells in int32."""
 
@@ -120,17 +99,16 @@ def check_pool(num_blocks: int | float, num_rows: int | float, num_points: int |
             )
 
 
-def table_length(num_cells: int, smallest: int = 1 << 25) -> int:
-    """The first rung s, 8 s, 16 s, 32 s, ... with s `smallest` that holds so many cells, at most `MAX_CELLS`.
+def table_length(num_entries: int, smallest: int = 1 << 25) -> int:
+    """Length of a table that holds so many entries, one of few: a rung of `bucket_size`, at most `MAX_CELLS`.
 
-    The first step is wide, so that nearly all maps share two lengths; above it, each doubling reserves gigabytes of
-    addresses, which some systems count as if they were memory.
+    Args:
+        num_entries: At most `MAX_CELLS`, see `check_cells`.
+        smallest: First rung on a CPU, which takes no memory of it but what is written: more than what is worked on at
+            once (`ops.blocks.windows`), so that nearly all tables share one length. Accelerators begin at a 32nd of it.
     """
-    length = smallest
-    while length < num_cells:
-        length *= 8 if length == smallest else 2
-    # The last doubling would give 2**31 cells, which int32 does not count.
-    return min(length, MAX_CELLS)
+    first = smallest if on_host() else smallest >> 5
+    return min(bucket_size(num_entries, first), MAX_CELLS)
 
 
 def reserve(length: int, *row: int, dtype: np.typing.DTypeLike) -> np.ndarray:

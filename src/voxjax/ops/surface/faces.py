@@ -17,7 +17,7 @@ from jaxtyping import Float32, Int32, UInt8
 from ..._runtime.pieces import over_pieces
 from ..._runtime.placement import are_numpy, to_device
 from ..._runtime.precision import in_full_precision
-from ..._runtime.tables import as_table, check_cells, table_lengths
+from ..._runtime.tables import as_table, check_cells, table_length
 from ..._types import FREE, OCCUPIED, Array
 
 OCTANT_SIGNS = np.asarray([[1 - 2 * ((o >> i) & 1) for i in range(3)] for o in range(8)], np.int32)
@@ -107,7 +107,7 @@ def _faces_on_host(
     """Any number of candidates on a block of any size, compiling nothing new."""
     # Candidates that a core looks at, on host arrays.
     group = 512
-    table = to_device(as_table(flat, table_lengths(flat.size, 0)[0]))
+    table = to_device(as_table(flat, table_length(flat.size)))
 
     def look(some: np.ndarray, planes: np.ndarray, _: np.int32) -> CornerFaces:
         return run(table, box, some, planes)

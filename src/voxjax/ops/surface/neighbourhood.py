@@ -15,7 +15,7 @@ from jaxtyping import Float, Int32, UInt32
 from ..._checks import InputError, check_odd_window
 from ..._runtime.buckets import bucket_size
 from ..._runtime.placement import on_host
-from ..._runtime.tables import reserve, table_lengths
+from ..._runtime.tables import check_cells, reserve, table_length
 from ..._runtime.threads import spread
 from ..._types import Array
 from .ball_sums import ball_offsets
@@ -155,7 +155,9 @@ def _lay_out(windows: list[_Window], window: int, lanes: int, length: int) -> Ne
     first = np.full(length // lanes + 1, strips.sum(), np.int32)
     first[: len(strips)] = np.cumsum(strips)
     of_strip = _DEPTH * lanes
-    num_strips = table_lengths(max(int(strips.sum()) * of_strip, 1), 0)[0] // of_strip
+    num_words = int(strips.sum()) * of_strip
+    check_cells(num_words, 0, "the neighbourhood of all voxels", "take a smaller window, or fewer voxels")
+    num_strips = table_length(num_words) // of_strip
     # Words that are not written are zeros, and a word of zeros is no neighbour.
     flat = reserve(num_strips * of_strip, dtype=np.uint32)
     # Rows of padding stay in their place, where sums are 0.
