@@ -1,9 +1,13 @@
-"""How often JAX compiles, for the tests that maps of other sizes, poses or starts share their kernels."""
+"""How and how often JAX compiles, for the tests that maps of other sizes, poses or starts share their kernels."""
 
 import collections
 import contextlib
 
 import jax
+
+QUICK = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 1}
+"""Options of XLA for large kernels that tests alone compile, such as derivatives of whole solves, and run a few times:
+they are compiled in a third of the time. What users run as it is gets the options that they have."""
 
 _compiled: list[str] = []
 """Names of all functions that this process has compiled, or loaded from a cache of kernels."""

@@ -4,6 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from compilations import QUICK
 from voxjax.ops.eigen import eigen_by_columns, symmetric_eigen
 
 
@@ -112,14 +113,19 @@ def _loss(entries, weights):
     return jnp.sum(turned, dtype=jnp.float32) + jnp.sum(found.values**2, dtype=jnp.float32)
 
 
+# For eight matrices in all tests, so that it is compiled once.
+_value_and_gradient = jax.jit(jax.value_and_grad(_loss), compiler_options=QUICK)
+
+
 def test_gradients_are_those_of_finite_differences():
     rng = np.random.default_rng(8)
-    entries = jnp.asarray(_columns(_matrices(9, np.asarray([[0.1, 1.0, 3.0], [-2.0, 0.5, 1.0]]))))
+    values = [[0.1, 1.0, 3.0], [-2.0, 0.5, 1.0]]
+    entries = jnp.asarray(_columns(_matrices(9, np.tile(np.asarray(values), (4, 1)))))
     weights = jnp.asarray(rng.normal(size=(3, 3)), jnp.float32)
-    gradient = jax.grad(_loss)(entries, weights)
+    _, gradient = _value_and_gradient(entries, weights)
     for _ in range(4):
         direction = jnp.asarray(rng.normal(size=entries.shape), jnp.float32)
-        ends = [float(_loss(entries + step * direction, weights)) for step in (5e-3, -5e-3)]
+        ends = [float(_value_and_gradient(entries + step * direction, weights)[0]) for step in (5e-3, -5e-3)]
         slope = (ends[0] - ends[1]) / 1e-2
         np.testing.assert_allclose(float(jnp.sum(gradient * direction)), slope, rtol=2e-2, atol=2e-2)
 
@@ -128,9 +134,10 @@ def test_gradients_are_finite_where_values_coincide():
     entries = jnp.asarray(_columns(_matrices(10, _SPECIAL)))
     exact = jnp.asarray([[1.0, 0, 2], [1.0, 0, 2], [1.0, 0, 5], [0, 0, 0], [0, 0, 0], [0, 0, 0]], jnp.float32)
     weights = jnp.asarray(np.random.default_rng(11).normal(size=(3, 3)), jnp.float32)
-    for matrices in (entries, exact):
-        gradient = np.asarray(jax.grad(_loss)(matrices, weights))
+    for matrices in (entries, jnp.concatenate([exact, exact[:, :2]], axis=1)):
+        _, gradient = _value_and_gradient(matrices, weights)
         assert np.isfinite(gradient).all()
     # Of the values alone the gradient at a multiple of the identity is exact: the trace of squares.
-    by_values = jax.grad(lambda e: jnp.sum(eigen_by_columns(e).values ** 2, dtype=jnp.float32))(exact[:, :1])
+    # Without weights the loss is that sum.
+    _, by_values = _value_and_gradient(jnp.tile(exact[:, :1], 8), jnp.zeros_like(weights))
     np.testing.assert_allclose(np.asarray(by_values)[:, 0], [2, 2, 2, 0, 0, 0], atol=1e-5)

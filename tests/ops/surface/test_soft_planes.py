@@ -1,5 +1,7 @@
 """Planes of softly occupied voxels: the definition, the hard case, gradients."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,11 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from compilations import QUICK
+from derivatives import derivatives_at
 from oracles import soft_planes as oracle
 from voxjax._checks import InputError
 from voxjax.ops.surface.moments import surface_moments
 from voxjax.ops.surface.neighbourhood import neighbourhood
-from voxjax.ops.surface.soft_planes import soft_planes
+from voxjax.ops.surface.soft_planes import SoftPlanes, soft_planes
+
+_ROWS = 600
+"""More than any list of voxels here has."""
 
 
 def _wall(seed=0, shape=(14, 12, 11)):
@@ -40,6 +47,13 @@ def _body(name):
     return states, index
 
 
+def _soft_planes(occupancy, toward, neighbours):
+    """Planes of the listed voxels, padded to the length that all tests share: one kernel serves them."""
+    more = _ROWS - len(occupancy)
+    planes = soft_planes(np.pad(occupancy, (0, more)), np.pad(toward, ((0, more), (0, 0))), neighbours)
+    return SoftPlanes(*(rows[: len(occupancy)] for rows in planes))
+
+
 @settings(max_examples=10, deadline=None)
 @given(st.integers(0, 2**31), st.sampled_from([3, 5, 7]))
 def test_planes_are_those_of_the_definition(seed, size):
@@ -47,7 +61,7 @@ def test_planes_are_those_of_the_definition(seed, size):
     rng = np.random.default_rng(seed)
     occupancy = rng.uniform(size=len(index)).astype(np.float32)
     toward = rng.normal(size=(len(index), 3)).astype(np.float32)
-    planes = soft_planes(occupancy, toward, neighbourhood(index, states.shape, size=size))
+    planes = _soft_planes(occupancy, toward, neighbourhood(index, states.shape, size=size))
     assert all(a.dtype == np.float32 for a in planes)
     for row in range(0, len(index), 3):
         weight, mean, covariance = oracle.soft_plane(occupancy, index, row, size)
@@ -65,7 +79,7 @@ def test_planes_are_those_of_the_definition(seed, size):
 def test_certain_voxels_have_the_planes_of_the_hard_map(scene):
     states, index = _wall() if scene == "wall" else _body(scene)
     moments = surface_moments(states, index, size=7, reach=3)
-    planes = soft_planes(np.ones(len(index), np.float32), moments.normal, neighbourhood(index, states.shape))
+    planes = _soft_planes(np.ones(len(index), np.float32), moments.normal, neighbourhood(index, states.shape))
     np.testing.assert_array_equal(planes.weight, moments.num_occupied)
     np.testing.assert_allclose(planes.normal, moments.normal, atol=2e-5)
     np.testing.assert_allclose(planes.offset, moments.offset, atol=2e-5)
@@ -78,7 +92,7 @@ def test_a_common_factor_of_the_occupancies_changes_no_plane():
     neighbours = neighbourhood(index, states.shape)
     occupancy = np.random.default_rng(3).uniform(0.2, 1, len(index)).astype(np.float32)
     toward = np.tile(np.asarray([0, 0.1, 1], np.float32), (len(index), 1))
-    whole, half = (soft_planes(o, toward, neighbours) for o in (occupancy, occupancy / 2))
+    whole, half = (_soft_planes(o, toward, neighbours) for o in (occupancy, occupancy / 2))
     np.testing.assert_allclose(whole.normal, half.normal, atol=2e-4)
     np.testing.assert_allclose(whole.offset, half.offset, atol=2e-4)
     np.testing.assert_allclose(whole.weight, 2 * half.weight, rtol=1e-6)
@@ -102,34 +116,39 @@ def _problem(dtype, seed=4):
     return occupancy, toward, neighbourhood(index, states.shape), weights
 
 
+@partial(jax.jit, compiler_options=QUICK)
+def _derivatives(occupancy, tangent, *rest):
+    """The loss, its derivative along a tangent, and its gradient: one kernel for all three."""
+    one = jnp.ones((), occupancy.dtype)
+    return derivatives_at(lambda occupancy: _loss(occupancy, *rest), occupancy, tangent, one)
+
+
 def test_gradients_are_finite_differences_and_both_modes_agree():
+    tangent = np.random.default_rng(5).normal(size=len(_problem(np.float32)[0]))
     with jax.enable_x64(True):
         occupancy, *rest = _problem(np.float64)
-        reverse = jax.jit(jax.grad(_loss))(occupancy, *rest)
+        _, forward, reverse = _derivatives(occupancy, jnp.asarray(tangent), *rest)
         assert reverse.dtype == np.float64
-        step, loss = 1e-6, jax.jit(_loss)
+        step, loss = 1e-6, lambda occupancy: _derivatives(occupancy, jnp.asarray(tangent), *rest)[0]
         differences = np.asarray(
             [
-                (loss(occupancy + step * unit, *rest) - loss(occupancy - step * unit, *rest)) / (2 * step)
+                (loss(occupancy + step * unit) - loss(occupancy - step * unit)) / (2 * step)
                 for unit in jnp.eye(len(occupancy))[:: max(len(occupancy) // 20, 1)]
             ]
         )
         at = slice(None, None, max(len(occupancy) // 20, 1))
         np.testing.assert_allclose(reverse[at], differences, rtol=1e-4, atol=1e-4 * np.abs(reverse).max())
-        tangent = jnp.asarray(np.random.default_rng(5).normal(size=len(occupancy)))
-        _, forward = jax.jvp(lambda o: _loss(o, *rest), (occupancy,), (tangent,))
         assert float(forward) == pytest.approx(float(jnp.vdot(reverse, tangent)), rel=1e-10)
     single, *rest = _problem(np.float32)
-    np.testing.assert_allclose(
-        jax.jit(jax.grad(_loss))(single, *rest), reverse, rtol=2e-3, atol=1e-4 * np.abs(reverse).max()
-    )
+    _, _, found = _derivatives(single, jnp.asarray(tangent, jnp.float32), *rest)
+    np.testing.assert_allclose(found, reverse, rtol=2e-3, atol=1e-4 * np.abs(reverse).max())
 
 
 @pytest.mark.parametrize("scene", ["wall", *_BODIES])
 @pytest.mark.parametrize("value", [0.0, 1e-30, 1e-4, 0.5, 1.0])
 def test_values_and_gradients_are_finite_everywhere(scene, value):
     states, index = _wall() if scene == "wall" else _body(scene)
-    neighbours, count = neighbourhood(index, states.shape), 600
+    neighbours, count = neighbourhood(index, states.shape), _ROWS
     occupancy = jnp.full(count, value, np.float32)
     toward = np.zeros((count, 3), np.float32)
     planes = soft_planes(occupancy, toward, neighbours)
@@ -143,7 +162,7 @@ def test_values_and_gradients_are_finite_everywhere(scene, value):
 def test_without_weight_there_is_no_plane():
     states, index = _wall()
     count = len(index)
-    planes = soft_planes(
+    planes = _soft_planes(
         np.zeros(count, np.float32), np.zeros((count, 3), np.float32), neighbourhood(index, states.shape)
     )
     for values in (planes.weight, planes.planarity, planes.offset):
