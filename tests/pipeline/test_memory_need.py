@@ -6,6 +6,7 @@ import pytest
 import voxjax as vx
 from voxjax import InputError, VoxelGrid
 from voxjax.ops.blocks.block_builder import BlockBuilder
+from voxjax.ops.evidence.translations import BATCH_BYTES
 from voxjax.pipeline import many, memory_need, pair
 from voxjax.pipeline.memory_need import MapSize, check_register_memory, content_size, register_memory
 
@@ -50,6 +51,17 @@ def test_a_coarser_working_size_needs_less(monkeypatch):
     check_register_memory(grids, 0.2)
     with pytest.raises(InputError):
         check_register_memory(grids, 0.05)
+
+
+def test_wide_maps_need_room_for_coarser_copies_and_for_the_search_in_them():
+    building = MapSize((500, 500, 100), 300_000, 0.1, blocks=20_000)
+    wide = building._replace(sides=(2500, 2500, 100))
+    alone = register_memory([building] * 2, 0.1) - FIXED
+    # Tables of the box aside, what the maps hold is the same.
+    tables = 2 * (wide.at(0.1).kept - building.at(0.1).kept + wide.at(0.1).work - building.at(0.1).work)
+    more = register_memory([wide] * 2, 0.1) - FIXED - alone - tables
+    copies = 2 * wide.at(0.3).kept
+    assert copies + BATCH_BYTES < more < copies + 3 * BATCH_BYTES
 
 
 def test_maps_that_wait_cost_less_than_the_pair_at_work():
@@ -161,7 +173,8 @@ def test_what_is_in_the_box_counts_and_not_the_box(monkeypatch):
     assert wide_need - fixed < 31 * of_piece
     box = MapSize(wide.shape, wide.num_occupied, 0.1)
     assert wide_need < 0.02 * (register_memory([box], 0.1) - FIXED)
-    _allow(monkeypatch, FIXED + 2.5 * wide_need)
+    # Two of them are searched in coarser copies, in blocks of few cells whatever the box.
+    _allow(monkeypatch, FIXED + 2.5 * wide_need + 3 * BATCH_BYTES)
     check_register_memory([wide, wide], 0.1)
     _allow(monkeypatch, FIXED + 0.9 * wide_need)
     with pytest.raises(InputError, match=r"registering maps of together .* million voxels of 0\.1 m needs"):

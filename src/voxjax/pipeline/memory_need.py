@@ -4,8 +4,11 @@ import math
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
+import numpy as np
+
 from .._runtime.memory import GIGABYTE, check_memory, memory_limit
 from .._runtime.tables import MAX_ROWS, check_pool
+from .._runtime.threads import num_cores
 from ..grid import VoxelGrid
 from ..maps.main_part import main_part
 from ..maps.prepared import FIELD_RADIUS
@@ -13,6 +16,9 @@ from ..ops.blocks.block_array import BLOCK_VOXELS
 from ..ops.blocks.windows import TILE
 from ..ops.blocks.words import BLOCK
 from ..ops.evidence.map_tables import blocks_near
+from ..ops.evidence.translations import BATCH_BYTES
+from ..registration.hypotheses.exhaustive import affordable_coarsening
+from ..registration.hypotheses.settings import ExhaustiveConfig
 
 
 class MapSize(NamedTuple):
@@ -134,11 +140,31 @@ def register_memory(sizes: Sequence[MapSize], voxel_size: float, uncropped: Sequ
     scaled = [size.at(voxel_size) for size in sizes]
     # The two maps of a pair take more while they are worked on; the largest two may be a pair.
     work = sorted(need.work for need in scaled)
+    searched = _in_coarser_copies(sizes, voxel_size)
     # Compiled kernels of all stages, and what compiling them takes, whatever the maps.
     kernels = 0.75 * GIGABYTE
     # Which voxels are occupied, their counts (see `window_classes`), and their classes; gone before features are kept.
     window = max((6.0 * size.at(voxel_size).voxels for size in uncropped), default=0.0)
-    return kernels + max(window, sum(need.kept for need in scaled) + sum(work[-2:]))
+    return kernels + max(window, sum(need.kept for need in scaled) + sum(work[-2:]) + searched)
+
+
+def _in_coarser_copies(sizes: Sequence[MapSize], voxel_size: float) -> float:
+    """What the copies of wide maps and the search in them take [byte]; 0 where no pair is that wide."""
+    if len(sizes) < 2:
+        return 0.0
+    # Boxes in frames of their own lie at any angle to each other: the longest sides count together.
+    sides = sorted((np.sort(size.sides) * size.voxel_size for size in sizes), key=np.prod)[-2:]
+    settings = ExhaustiveConfig()
+    factor = affordable_coarsening((sides[0] + sides[1]) / voxel_size, settings)
+    if factor == 1:
+        return 0.0
+    copies = sum(size.at(factor * voxel_size).kept for size in sizes)
+    # A map that lies askew in its block fills it up to three times.
+    cells = 3 * settings.most_cells
+    # A batch of transforms, eight bytes a cell; and of those at work the spectrum of the scores, the scores, and what
+    # they are made of.
+    transforms = BATCH_BYTES + 16.0 * cells * min(num_cores(), max(BATCH_BYTES // (8 * cells), 1))
+    return copies + transforms
 
 
 def _is_countable(need: Need) -> bool:

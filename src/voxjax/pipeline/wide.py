@@ -9,7 +9,7 @@ import numpy as np
 
 from .._runtime.threads import spread
 from ..maps.prepared import FIELD_RADIUS
-from ..registration.hypotheses.exhaustive import upright_frame, upright_sides
+from ..registration.hypotheses.exhaustive import affordable_coarsening, upright_frame, upright_sides
 from ..registration.hypotheses.map_features import MapFeatures
 from ..registration.hypotheses.pose_range import PoseRange
 from ..registration.hypotheses.proposals import Proposals, admit, propose_guess
@@ -28,13 +28,9 @@ def needed_coarsening(a: MapFeatures, b: MapFeatures, settings: Config) -> int:
         b: Second map.
         settings: How wide the cells of the search may be, and how many a block may have.
     """
-    cell = settings.exhaustive.max_factor * a.prepared.grid.voxel_size
     # A block of the search is as wide as both maps beside each other, which lie alike, for normals turn them.
     sides = sum(upright_sides(each.prepared, upright_frame(each.directions, each.shares)) for each in (a, b))
-    factor = 1
-    while np.ceil(np.asarray(sides) / (factor * cell)).prod() > settings.exhaustive.most_cells:
-        factor += 1
-    return factor
+    return affordable_coarsening(np.asarray(sides) / a.prepared.grid.voxel_size, settings.exhaustive)
 
 
 def finer_factors(factor: int) -> list[int]:

@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 
 from voxjax.metrics import pose_error
-from voxjax.registration.hypotheses.exhaustive import exhaustive_hypotheses, upright_frame
+from voxjax.registration.hypotheses.exhaustive import (
+    affordable_coarsening,
+    exhaustive_hypotheses,
+    upright_frame,
+)
 from voxjax.registration.hypotheses.settings import ExhaustiveConfig
 
 
@@ -45,3 +49,11 @@ def test_the_upright_frame_is_a_rotation_whatever_directions_there_are(direction
     frame = upright_frame(directions, np.linspace(0.5, 0.1, len(directions)))
     np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(frame) > 0
+
+
+def test_coarsening_is_the_least_whose_widest_cells_are_few_enough():
+    settings = ExhaustiveConfig(max_factor=6, most_cells=1000)
+    sides = np.array([120.0, 60.0, 30.0])
+    assert affordable_coarsening(sides, settings) == 1  # 20 x 10 x 5 cells
+    assert affordable_coarsening(sides + [1.0, 0.0, 0.0], settings) == 2
+    assert affordable_coarsening(4.0 * sides, settings) == 4

@@ -20,6 +20,9 @@ from .lookup import Block
 Cells = tuple[int, int, int]
 Peaks = tuple[np.ndarray, np.ndarray]
 
+BATCH_BYTES = 1 << 27
+"""What is transformed for the placements that are searched together takes at most so much, on the host."""
+
 
 class CoarseMap(NamedTuple):
     """What the search needs of a map.
@@ -113,7 +116,7 @@ def _needed(place: Placement) -> Cells:
     return _triple([block_size(int(n)) for n in place.box_a + place.box_b])
 
 
-def _batches(placements: Sequence[Placement], most: int = 1 << 27) -> list[list[int]]:
+def _batches(placements: Sequence[Placement], most: int = BATCH_BYTES) -> list[list[int]]:
     """Rows of placements that are searched together: what is transformed for them takes at most so many bytes.
 
     Placements that share transforms follow each other. Those of buildings are one batch; batches of outdoor maps take

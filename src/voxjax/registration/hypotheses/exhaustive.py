@@ -123,6 +123,19 @@ def upright_sides(prepared: PreparedMap, frame: Float[np.ndarray, "3 3"]) -> Flo
     return np.sort(high - low)[::-1].astype(np.float64)
 
 
+def affordable_coarsening(sides: Float[np.ndarray, "3"], settings: ExhaustiveConfig) -> int:
+    """How many times as wide voxels must be for blocks of the widest cells to have few enough of them.
+
+    Args:
+        sides: Sides of a block [voxel]: those of both maps beside each other.
+        settings: How wide cells may be, and how many a block may have.
+    """
+    factor = 1
+    while np.ceil(sides / (factor * settings.max_factor)).prod() > settings.most_cells:
+        factor += 1
+    return factor
+
+
 def _coarse_map(prepared: PreparedMap, factor: int) -> CoarseMap:
     """A map as the search takes it, with evidence codes at the tolerance of cells `factor` voxels wide."""
     grid, lists = prepared.grid, (prepared.points, prepared.weights, prepared.num_points)
