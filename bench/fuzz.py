@@ -2,9 +2,10 @@
 
     python -m bench fuzz [--seconds S] [--reader NAME ...] [--seed N]
 
-Each reader gets edited copies of small files for the given time (600 s), in a process of its own that may take 1 GB and
-10 s for a file. An exception other than `InputError`, a warning, a sentence of several lines, a process that dies, or
-takes more memory or time is a failure: the file is kept in the output folder, and the exit code is 1.
+Each reader gets edited copies of small files, stores with edited files in them, for the given time (600 s), in a
+process of its own that may take 1 GB and 10 s for a file. An exception other than `InputError`, a warning, a sentence
+of several lines, a process that dies, or takes more memory or time is a failure: the file is kept in the output folder,
+a store as an archive, and the exit code is 1.
 """
 
 import argparse
@@ -23,7 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bench.fuzz_cases import READERS, damaged, draw
+from bench.fuzz_cases import READERS, damaged, draw, put
 from bench.memory import peak_megabytes
 from voxjax import InputError
 from voxjax.cli.info import described_facts
@@ -91,7 +92,7 @@ def serve(connection: Connection, ending: str, megabytes: float) -> None:
         _limit_memory(megabytes)
         connection.send("ready")
         while (data := connection.recv()) is not None:
-            path.write_bytes(data)
+            put(path, data)
             start = time.process_time()
             outcome = read_case(path)
             connection.send((outcome, peak_megabytes(), time.process_time() - start))
@@ -225,7 +226,7 @@ def main(argv: Sequence[str]) -> int:
         failures = sum(result.failures.values())
         is_right = is_right and not failures
         print(
-            f"{reader:<4}{result.counts.total():>9,} files: {result.counts['read']:,} read, "
+            f"{reader:<5}{result.counts.total():>9,} files: {result.counts['read']:,} read, "
             f"{result.counts['refused']:,} refused, {failures:,} failures of {len(result.failures)} kinds; "
             f"slowest {result.seconds:.2f} s, most {result.megabytes:.0f} MB",
             flush=True,

@@ -5,20 +5,23 @@ Edits are plain numbers, so that a generator of random numbers and Hypothesis dr
 
 import io
 import re
+import shutil
 import struct
+import tempfile
 import zipfile
 from collections.abc import Sequence
 from functools import cache
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from voxjax import VoxelGrid
+from voxjax import VoxelGrid, write_map
 from voxjax.io.npz import encode_npz
 from voxjax.io.octomap import encode_bt, encode_ot
 from voxjax.io.ply import encode_ply
 
-READERS = ("npz", "ply", "bt", "ot")
+READERS = ("npz", "ply", "bt", "ot", "zarr")
 KINDS = ("flip", "byte", "integer", "number", "text", "insert", "drop", "repeat", "cut", "splice")
 
 _INTEGERS = (
@@ -87,8 +90,8 @@ class Edit(NamedTuple):
         place: Where, as a share of the length, in [0, 1).
         size: How many bytes, where that can be chosen.
         value: What is written, or which of several things.
-        is_inside: For archives, whether a file in it is changed and packed anew; for trees, whether the header says
-            how many nodes there are after the change.
+        is_inside: For archives of .npz, whether a file in it is changed and packed anew; for trees, whether the header
+            says how many nodes there are after the change.
     """
 
     kind: str
@@ -110,6 +113,8 @@ def right_files(reader: str) -> tuple[bytes, ...]:
         start = data.index(b"\ndata\n") + 6
         size = int(data.split(b"size ")[1].split()[0])
         return data, struct.pack("<idI", 3, 0.1, size) + data[start:]
+    if reader == "zarr":
+        return _packed_store(grid), _packed_store(plain), _store_of_zarr(plain)
     if reader == "ot":
         return encode_ot(grid), _colored(encode_ot(plain))
     return encode_ply(plain), _ascii_cloud(), _cloud_of_doubles()
@@ -134,7 +139,7 @@ def damaged(reader: str, number: int, edits: Sequence[Edit]) -> bytes:
     files = right_files(reader)
     data, other = files[number % len(files)], files[(number + 1) % len(files)]
     for edit in edits:
-        inside = reader == "npz" and edit.is_inside
+        inside = reader == "zarr" or (reader == "npz" and edit.is_inside)
         changed = _edited_inside(data, edit) if inside else None
         data = _edited(data, other, edit) if changed is None else changed
     is_counted = reader in ("bt", "ot") and edits and edits[0].is_inside
@@ -223,6 +228,44 @@ def _grid() -> VoxelGrid:
     value = rng.integers(1, 4, states.shape).astype(np.float32)
     log_odds = np.where(states == 2, value, np.where(states == 1, -value, np.float32(0)))
     return VoxelGrid(states, np.array([-5, 3, -2]) * 0.1, 0.1, log_odds)
+
+
+def _packed_store(grid: VoxelGrid) -> bytes:
+    """A store, which is a folder, as an archive, of which `put` makes the folder."""
+    with tempfile.TemporaryDirectory() as folder:
+        write_map(Path(folder) / "m.zarr", grid)
+        return _packed(Path(folder) / "m.zarr")
+
+
+def _store_of_zarr(grid: VoxelGrid) -> bytes:
+    """A store as zarr writes it, with chunks in files of their own and another codec."""
+    import zarr.codecs
+
+    place = {"origin": np.asarray(grid.origin).tolist(), "voxel_size": grid.voxel_size}
+    with tempfile.TemporaryDirectory() as folder:
+        group = zarr.create_group(Path(folder) / "m.zarr", attributes={"voxjax_map": 1, **place})
+        options = {"chunks": (4, 4, 3), "compressors": zarr.codecs.GzipCodec(), "fill_value": 0}
+        group.create_array("states", data=np.asarray(grid.states), **options)
+        return _packed(Path(folder) / "m.zarr")
+
+
+def _packed(folder: Path) -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as file:
+        for path in sorted(folder.rglob("*")):
+            if path.is_file():  # dates are fixed, as in `_edited_inside`
+                file.writestr(zipfile.ZipInfo(path.relative_to(folder).as_posix()), path.read_bytes())
+    return buffer.getvalue()
+
+
+def put(path: Path, data: bytes) -> None:
+    """Write a file that was damaged, or the folder of a store, in place of what is there."""
+    if path.suffix != ".zarr":
+        path.write_bytes(data)
+        return
+    shutil.rmtree(path, ignore_errors=True)
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        archive.extractall(path)
 
 
 def _saved_by_numpy(grid: VoxelGrid) -> bytes:

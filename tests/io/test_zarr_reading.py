@@ -223,6 +223,9 @@ def test_chunks_that_no_memory_holds_are_refused_before_they_are_read(tmp_path, 
     monkeypatch.setenv("VOXJAX_MEMORY", "4")
     with pytest.raises(InputError, match="a chunk of the array 'states' needs about 137 GB"):
         vx.read_map(path)
+    edit(path / "states", chunk_grid={"name": "regular", "configuration": {"chunk_shape": [0, 64, 64]}})
+    with pytest.raises(InputError, match=r"states/zarr\.json is damaged"):
+        vx.read_map(path)
     edit(path / "states", chunk_grid={"name": "regular", "configuration": {"chunk_shape": [1, 1, 1]}})
     edit(path / "states", shape=[2000, 2000, 2000])
     with pytest.raises(InputError, match="has too many chunks of 1 x 1 x 1; write larger ones"):

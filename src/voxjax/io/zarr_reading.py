@@ -138,6 +138,8 @@ def _opened(path: Path, group: Any, name: str) -> ChunkedArray | None:
         raise InputError(f"the array {name!r} must have the axes x, y, z, got {', '.join(map(str, axes))}")
     if fill_value != 0:
         raise InputError(f"the array {name!r} must have the fill value 0, got {fill_value}")
+    if min(*chunk, *file) < 1:  # which zarr takes
+        raise InputError(f"{name}/{MARKER} is damaged: its chunks have no voxels")
     _check_size(name, shape, chunk, expected.itemsize)
     known = _known_files(path / name, _lattice(shape, file))
     layout = layout_of(path / name, metadata)
