@@ -1,9 +1,9 @@
 """Where a block array is cut into parts, and what each part holds: host code, the same in all processes.
 
-Blocks are numbered in C order over the box, and a part is a run of numbers: neighbours along z and y follow each other,
-and parts meet across x alone. Along a Morton curve they would be rounder, but up to eight of them had as many blocks
-that touch other parts on maps of buildings, and runs need no code of their own in a lookup: the table of a part is a
-piece of the table of the box.
+Blocks are numbered in C order over the box, and a part is a run of numbers: neighbours along z and y follow each
+other, and parts meet across x alone. Two of them have fewer blocks that touch other parts than along a Morton curve,
+eight about as many or up to twice as many, and more of them more; but runs need no code of their own in a lookup: the
+table of a part is a piece of the table of the box.
 """
 
 from collections.abc import Iterator
