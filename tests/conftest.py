@@ -46,6 +46,11 @@ def _share_kernels():
 
 _kernels = _share_kernels()
 
+# JAX finds kernels by the number of devices and by the flags of XLA too: the processes that tests start have those of
+# the tests. In one part instead of 32 the code of a kernel is made in less time, and all cores have kernels to make.
+os.environ.setdefault("JAX_NUM_CPU_DEVICES", "2")
+os.environ.setdefault("XLA_FLAGS", "--xla_cpu_parallel_codegen_split_count=1")
+
 
 def pytest_unconfigure():
     """The process that made the folder of kernels is the last one that needs it."""

@@ -12,8 +12,7 @@ LIMIT_S = 120
 
 def start(worker, arguments, *, devices):
     """A script in a process of its own, with so many host devices."""
-    flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={devices}"
-    environment = os.environ | {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"}
+    environment = os.environ | {"JAX_NUM_CPU_DEVICES": str(devices), "JAX_PLATFORMS": "cpu"}
     return subprocess.Popen(
         [sys.executable, str(worker), *map(str, arguments)],
         env=environment,
