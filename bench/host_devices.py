@@ -35,10 +35,10 @@ def candidates_of(
     Yields:
         A function that runs the candidate of a name there and waits for its end, and what the module says of itself.
     """
-    known = f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={devices} {flags}"
+    known = f"{os.environ.get('XLA_FLAGS', '')} {flags}".strip()
     with subprocess.Popen(
         [sys.executable, "-m", module, *arguments],
-        env=os.environ | {"XLA_FLAGS": known, "JAX_PLATFORMS": "cpu"},
+        env=os.environ | {"JAX_NUM_CPU_DEVICES": str(devices), "XLA_FLAGS": known, "JAX_PLATFORMS": "cpu"},
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
