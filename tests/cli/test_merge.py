@@ -73,6 +73,11 @@ def test_stores_are_merged_into_a_store_that_appears_with_the_other_files(monkey
     assert read_map("out.zarr") == read_map("out.npz")
     assert main(["merge", *stores, "-o", "m.npz", "--processes", "2", "-q"]) == 2
     assert "--processes is for a fused map in a store (.zarr), got m.npz" in capsys.readouterr().err
+    # Before any pair is registered.
+    fake = fake_register(monkeypatch)
+    assert main(["merge", *stores, "-o", "many.zarr", "--processes", "100000", "-q"]) == 2
+    assert "a fused map written by 100000 processes needs about" in capsys.readouterr().err
+    assert fake.calls == []
     assert main(["merge", *stores, "-o", "small.zarr", "--memory", "50M", "-q"]) == 2
     assert "GB of memory and 0.05 GB are available" in capsys.readouterr().err
     Path("work.zarr").mkdir()

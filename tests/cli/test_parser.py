@@ -25,7 +25,7 @@ def test_help_imports_neither_jax_nor_numpy():
 
 def test_processes_are_one_or_more():
     assert process_count("4") == 4
-    with pytest.raises(argparse.ArgumentTypeError, match="must be 1 or more, got '0'"):
+    with pytest.raises(argparse.ArgumentTypeError, match="must be a whole number, 1 or more, got '0'"):
         process_count("0")
 
 

@@ -174,6 +174,15 @@ def test_processes_are_for_stores_and_at_least_one(tmp_path, monkeypatch, option
         vx.fuse([make_grid(1)], [np.eye(4)], **options)
 
 
+def test_processes_without_a_shard_of_their_own_are_not_started(tmp_path, monkeypatch):
+    shares = []
+    monkeypatch.setattr(stored, "run_in_processes", lambda function, some: shares.extend(some))
+    vx.fuse([make_grid(1)], [np.eye(4)], out=tmp_path / "one.zarr", num_processes=3)
+    assert shares == []
+    vx.fuse([make_grid(1, (290, 40, 18))], [np.eye(4)], out=tmp_path / "two.zarr", num_processes=3)
+    assert [share[2:] for share in shares] == [(0, 2), (1, 2)]
+
+
 def test_memory_is_asked_for_all_processes(tmp_path, monkeypatch):
     monkeypatch.setenv("VOXJAX_MEMORY", "1.5")
     with pytest.raises(

@@ -14,7 +14,7 @@ from voxjax._runtime.processes import run_in_processes
 
 
 def note(folder, number):
-    """Print to the standard output, which is the channel of the answer, and leave a file with the number."""
+    """Print to the standard output, which is no channel of the answer, and leave a file with the number."""
     print("printed by a share")
     (folder / str(number)).write_text(str(os.getpid()))
 
@@ -35,7 +35,7 @@ def die(how):
     """End without an answer."""
     if how == "exit":
         os._exit(5)
-    os.kill(os.getpid(), signal.SIGKILL)
+    os.kill(os.getpid(), signal.SIGKILL if how == "kill" else signal.SIGTERM)
 
 
 @pytest.fixture(autouse=True)
@@ -51,6 +51,22 @@ def test_each_share_is_called_in_a_process_of_its_own(tmp_path):
     run_in_processes(note, [(tmp_path, number) for number in range(2)])
     seen = {(tmp_path / str(number)).read_text() for number in range(2)}
     assert len(seen | {str(os.getpid())}) == 3
+
+
+def test_files_of_the_folder_in_which_this_process_runs_are_not_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("pickle", "struct", "signal"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit(0)")
+    (tmp_path / "out").mkdir()
+    run_in_processes(note, [(tmp_path / "out", 0)])
+    assert os.listdir(tmp_path / "out") == ["0"]
+
+
+def test_what_a_process_prints_while_it_starts_is_no_answer(tmp_path, monkeypatch):
+    (tmp_path / "sitecustomize.py").write_text("print('hello', flush=True)")
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
+    run_in_processes(note, [(tmp_path, 7)])
+    assert (tmp_path / "7").exists()
 
 
 @pytest.mark.parametrize(
@@ -73,6 +89,7 @@ def test_a_failure_is_raised_and_stops_the_others(tmp_path, number, error, text)
     ("how", "error", "text"),
     [
         ("exit", RuntimeError, "ended with exit code 5"),
+        ("term", InputError, "one of the processes was ended from outside by SIGTERM; run it again"),
         ("kill", InputError, "one of the processes was killed, .* use fewer processes, or find more memory"),
     ],
 )

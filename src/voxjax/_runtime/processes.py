@@ -13,13 +13,14 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from typing import Any
+from typing import IO, Any
 
 from .._checks import InputError
 
 _BEGIN = (
     "import pickle, signal, sys; signal.signal(signal.SIGINT, signal.SIG_IGN); "
-    "sys.path[:] = pickle.load(sys.stdin.buffer); from voxjax._runtime.processes import serve; serve()"
+    "sys.path[:] = pickle.load(sys.stdin.buffer); from voxjax._runtime.processes import serve; "
+    "serve(int(sys.argv[1]))"
 )
 
 
@@ -31,8 +32,8 @@ def run_in_processes(function: Callable[..., None], shares: Sequence[tuple]) -> 
         shares: The arguments of each call; each process is given a copy.
 
     Raises:
-        InputError: If a call raised that, or a process was killed, as the system does where memory does not suffice.
-            All others have ended then.
+        InputError: If a call raised that, or a process was ended from outside, as the system does where memory does
+            not suffice. All others have ended then.
         OSError: If a call raised that.
         MemoryError: Likewise.
         RuntimeError: If a call raised anything else, or a process died.
@@ -45,26 +46,33 @@ def run_in_processes(function: Callable[..., None], shares: Sequence[tuple]) -> 
         pool = started.enter_context(ThreadPoolExecutor(len(shares)))
         processes = []
         for _ in shares:
-            process = subprocess.Popen(
-                [sys.executable, "-c", _BEGIN],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                env=environment,
-            )
+            # The answer has a channel of its own: what the process prints is none, not even while it starts.
+            answer, end = os.pipe()
+            channel = started.enter_context(os.fdopen(answer, "rb"))
+            try:
+                process = subprocess.Popen(
+                    # Without -P the folder that this process runs in would be searched for modules.
+                    [sys.executable, "-P", "-c", _BEGIN, str(end)],
+                    stdin=subprocess.PIPE,
+                    stdout=2,
+                    env=environment,
+                    pass_fds=(end,),
+                )
+            finally:
+                os.close(end)
             started.callback(_stop, process)
-            processes.append(process)
+            processes.append((process, channel))
         answers = [
-            pool.submit(_converse, process, (function, share, settings))
-            for process, share in zip(processes, shares, strict=True)
+            pool.submit(_converse, process, channel, (function, share, settings))
+            for (process, channel), share in zip(processes, shares, strict=True)
         ]
         for answer in as_completed(answers):
             answer.result()
 
 
-def serve() -> None:
-    """Do what the parent process asks for through the standard input, and answer through the standard output."""
-    with os.fdopen(os.dup(1), "wb") as answer:
-        os.dup2(2, 1)  # what is printed here is no answer
+def serve(channel: int) -> None:
+    """Do what the parent process asks for through the standard input, and answer through a file descriptor."""
+    with os.fdopen(channel, "wb") as answer:
         function, share, settings = pickle.load(sys.stdin.buffer)
         threading.Thread(target=_end_with_parent, daemon=True).start()
         pickle.dump(_failure_of(function, share, settings), answer)
@@ -89,21 +97,24 @@ def _failure_of(function: Callable[..., None], share: tuple, settings: dict[str,
     return None
 
 
-def _converse(process: subprocess.Popen, job: tuple) -> None:
+def _converse(process: subprocess.Popen, channel: IO[bytes], job: tuple) -> None:
     """Give a process its work, wait for its end, and raise what failed."""
     assert process.stdin is not None
-    assert process.stdout is not None
     # Of a process that has died, what follows says why.
     with contextlib.suppress(BrokenPipeError):
         pickle.dump(sys.path, process.stdin)
         pickle.dump(job, process.stdin)
         process.stdin.flush()
-    answer = process.stdout.read()
+    answer = channel.read()
     code = process.wait()
     if code == -signal.SIGKILL:
         raise InputError(
             "one of the processes was killed, as the system does where the memory does not suffice; "
             "use fewer processes, or find more memory."
+        )
+    if code < 0:
+        raise InputError(
+            f"one of the processes was ended from outside by {signal.Signals(-code).name}; run it again."
         )
     if code or not answer:
         raise RuntimeError(f"one of the processes ended with exit code {code}")
@@ -116,10 +127,9 @@ def _stop(process: subprocess.Popen) -> None:
     """End a process that has not ended, and close what leads to it."""
     process.kill()
     process.wait()
-    for end in (process.stdin, process.stdout):
-        assert end is not None
-        with contextlib.suppress(BrokenPipeError):
-            end.close()
+    assert process.stdin is not None
+    with contextlib.suppress(BrokenPipeError):
+        process.stdin.close()
 
 
 def _settings_of_jax() -> dict[str, Any]:

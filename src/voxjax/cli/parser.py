@@ -284,9 +284,12 @@ def box(text: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 def process_count(text: str) -> int:
     """A whole number from 1 on."""
-    number = whole_number(text)
+    try:
+        number = int(text)
+    except ValueError:
+        number = 0
     if number < 1:
-        raise argparse.ArgumentTypeError(f"must be 1 or more, got {text!r}")
+        raise argparse.ArgumentTypeError(f"must be a whole number, 1 or more, got {text!r}")
     return number
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from .._checks import InputError, check_choice, check_count, check_list, check_pose, check_voxel_size
+from .._checks import InputError, check_choice, check_list, check_pose, check_voxel_size
 from .._runtime.forks import refused_after_fork
 from .._runtime.memory import check_memory
 from .._runtime.placement import is_traced
@@ -20,9 +20,9 @@ from ..grid import VoxelGrid, check_grid, check_grids
 from ..ops.blocks.block_builder import BlockBuilder
 from ..ops.resampling.lattice import check_num_voxels, check_places, moved_bounds, origin_of_cell
 from .nearest import ADVICE, BlockFusion, common_box, plan_fusion
-from .rules import RULES
+from .rules import chosen_rule
 from .soft import Lattice, check_soft_pose, fuse_soft, soft_fuse_memory
-from .stored import check_out, fuse_into_store
+from .stored import check_out, check_processes, fuse_into_store
 
 
 @refused_after_fork
@@ -73,12 +73,7 @@ def fuse(
             options do not go together.
     """
     check_choice("interpolation", interpolation, ("nearest", "trilinear"))
-    store = None if out is None else check_out(out)
-    num_processes = check_count("num_processes", num_processes, least=1)
-    if num_processes > 1 and store is None:
-        raise InputError(
-            f"num_processes is for out, got {num_processes} and no out; give out, or leave it at 1."
-        )
+    store, num_processes = None if out is None else check_out(out), check_processes(num_processes, out)
     if interpolation == "trilinear":
         if out is not None:
             raise InputError(
@@ -90,10 +85,7 @@ def fuse(
             'onto is for interpolation="trilinear", got interpolation="nearest"; leave it out or give that.'
         )
     grids, matrices = _checked(grids, poses)
-    if rule is None:
-        # States alone do not say how sure a map is, so evidence is added only where all maps have it.
-        rule = "log_odds" if all(grid.has_log_odds for grid in grids) else "keep"
-    check_choice("rule", rule, RULES)
+    rule = chosen_rule(rule, grids)
     if voxel_size is None:
         voxel_size = min(grid.voxel_size for grid in grids)
     voxel_size = check_voxel_size(voxel_size)

@@ -5,14 +5,35 @@ idempotent and associative too (a fused map covers what its parts cover), so fus
 one after another. The log-odds rule adds evidence: a map fused with itself becomes surer, on purpose.
 """
 
+from collections.abc import Sequence
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Float32, UInt8
 
+from .._checks import check_choice
 from .._types import FREE, OCCUPIED, UNKNOWN, Array
+from ..grid import VoxelGrid
 from ..io.octomap import LOG_ODDS_FREE, LOG_ODDS_OCCUPIED
 
 RULES = ("paper", "keep", "log_odds")
+
+
+def chosen_rule(rule: str | None, grids: Sequence[VoxelGrid]) -> str:
+    """The rule that some maps are fused by.
+
+    Args:
+        rule: One of `RULES`; None for "log_odds" where all maps have log-odds, else "keep".
+        grids: The maps.
+
+    Raises:
+        InputError: If there is no such rule.
+    """
+    # States alone do not say how sure a map is, so evidence is added only where all maps have it.
+    if rule is None:
+        return "log_odds" if all(grid.has_log_odds for grid in grids) else "keep"
+    check_choice("rule", rule, RULES)
+    return rule
 
 
 @jax.jit

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Int
 
-from .._checks import InputError, shown
+from .._checks import InputError, check_count, shown
 from .._runtime.memory import check_memory
 from .._runtime.processes import run_in_processes
 from .._runtime.whole_files import check_writable, write_files
@@ -39,6 +39,43 @@ def check_out(out: object) -> Path:
     return check_writable(out, force=True, marker=MARKER)
 
 
+def check_processes(num_processes: object, out: object) -> int:
+    """How many processes are to share the fusion into a store.
+
+    Args:
+        num_processes: What the caller gave.
+        out: Name of the store, or None.
+
+    Raises:
+        InputError: If it is no whole number from 1 on, or more than 1 without a store.
+    """
+    count = check_count("num_processes", num_processes, least=1)
+    if count > 1 and out is None:
+        raise InputError(f"num_processes is for out, got {count} and no out; give out, or leave it at 1.")
+    return count
+
+
+def check_memory_of_processes(num_processes: int, num_maps: int, rule: str) -> None:
+    """Refuse more processes than the memory bears, whatever the maps hold, before they are registered.
+
+    Args:
+        num_processes: How many share the fusion.
+        num_maps: How many maps are fused.
+        rule: One of `rules.RULES`.
+
+    Raises:
+        InputError: If the memory does not suffice.
+    """
+    if num_processes > 1:
+        need = _shared_need(num_processes, num_maps, rule)
+        check_memory(need, f"a fused map written by {num_processes} processes", "take fewer of these")
+
+
+def _shared_need(num_processes: int, num_maps: int, rule: str, copies: float = 0.0) -> float:
+    """Memory of processes that share a fusion [byte]: each is an interpreter with all packages and its maps."""
+    return num_processes * (store_fuse_memory(num_maps, rule) + 0.3e9 + copies)
+
+
 def fuse_into_store(
     plan: BlockFusion | None, nothing: VoxelGrid, out: Path, *, num_processes: int = 1
 ) -> VoxelGrid:
@@ -65,8 +102,8 @@ def fuse_into_store(
         if num_processes > 1:
             what = f"{what} by {num_processes} processes"
             advice = f"take fewer of these, or {ADVICE}"
-            # An interpreter with all packages, and a copy of the maps that are in memory.
-            need = num_processes * (need + 0.3e9 + sum(source.num_bytes for source in plan.sources))
+            copies = float(sum(source.num_bytes for source in plan.sources))
+            need = _shared_need(num_processes, len(plan.sources), plan.rule, copies)
         check_memory(need, what, advice)
         folder = Folder(partial(_write, plan, num_processes), MARKER)
     write_files({out: folder}, force=True)
@@ -92,10 +129,12 @@ def _write(plan: BlockFusion, num_processes: int, folder: Path) -> None:
     """Make the store."""
     has_log_odds = plan.rule == "log_odds"
     store = MapStore.make(folder, plan.shape, plan.origin, plan.voxel_size, has_log_odds=has_log_odds)
-    if num_processes == 1:
+    # A process that has no shard to write need not be started.
+    count = len(list(itertools.islice(_shards(plan), num_processes)))
+    if count <= 1:
         write_share(plan, store, 0, 1)
     else:
-        run_in_processes(write_share, [(plan, store, index, num_processes) for index in range(num_processes)])
+        run_in_processes(write_share, [(plan, store, index, count) for index in range(count)])
 
 
 def write_share(plan: BlockFusion, store: MapStore, index: int, count: int) -> None:

@@ -7,11 +7,12 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, Literal
 
-from .._checks import InputError, check_choice
+from .._checks import InputError
 from .._runtime.forks import refused_after_fork
 from .._runtime.threads import spread
 from ..fusion.fuse import fuse
-from ..fusion.rules import RULES
+from ..fusion.rules import chosen_rule
+from ..fusion.stored import check_memory_of_processes, check_processes
 from ..grid import VoxelGrid, check_grids
 from ..registration.hypotheses.map_features import MapFeatures
 from .config import Config, config_from
@@ -63,9 +64,9 @@ def merge(
     """
     grids = check_grids("grids", grids)
     _check(grids, init_guess)
-    if rule is not None:
-        # `fuse` would say so too, but after all pairs.
-        check_choice("rule", rule, RULES)
+    # `fuse` would say so too, but after all pairs.
+    num_processes = check_processes(num_processes, out)
+    check_memory_of_processes(num_processes, len(grids), chosen_rule(rule, grids))
     settings, stages = config_from(config), Stages(on_stage)
     start = time.perf_counter()
 
