@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bench.reports import write_json
-from bench.timing import setting
+from bench.timing import round_count, setting
 from voxjax.matching.associations import all_associations
 from voxjax.matching.cliques.maximum import maximum_clique
 from voxjax.matching.consistency import pairwise_consistency
@@ -151,7 +151,9 @@ def main(argv: list[str]) -> int:
         prog="bench cliques", description="Exact clique search on association graphs."
     )
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
-    parser.add_argument("--rounds", type=int, default=5, help="timed calls of voxjax; peers are called once")
+    parser.add_argument(
+        "--rounds", type=round_count, default=5, help="timed calls of voxjax; peers are called once"
+    )
     parser.add_argument("--no-networkx", action="store_true", help="it takes seconds a graph")
     parser.add_argument("--out", type=Path, default=Path(__file__).parent / "out" / "cliques.json")
     options = parser.parse_args(argv)

@@ -22,7 +22,7 @@ import voxjax as vx
 from bench.calibration_worlds import load_world, seeds_of, without_free_space
 from bench.cases import maps_folder
 from bench.reports import write_json
-from bench.timing import setting, time_interleaved
+from bench.timing import round_count, setting, time_interleaved
 from voxjax.maps.inferred_space import infer_free_space
 from voxjax.pipeline.features import features_at
 
@@ -116,7 +116,7 @@ def arguments(argv: list[str]) -> argparse.Namespace:
     )
     parser.add_argument("--count", type=int, default=6, help="generated maps")
     parser.add_argument("--seed", type=int, default=400_000)
-    parser.add_argument("--rounds", type=int, default=7, help="timed calls of each function")
+    parser.add_argument("--rounds", type=round_count, default=7, help="timed calls of each function")
     parser.add_argument("--cache", type=Path, default=None, help="folder for generated maps")
     parser.add_argument("--out", type=Path, default=Path("bench/out/inferred_space.json"))
     return parser.parse_args(argv)

@@ -26,7 +26,7 @@ import numpy as np
 
 import voxjax as vx
 from bench.kernel_setting import TUNED
-from bench.timing import setting
+from bench.timing import round_count, setting
 from voxjax.synthetic import simulate_team
 
 _DURATIONS = {
@@ -97,7 +97,7 @@ def main(argv: list[str]) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m bench start", description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--rounds", type=round_count, default=5)
     parser.add_argument("--seed", type=int, default=50)
     parser.add_argument("--overlap", type=float, default=0.5)
     parser.add_argument("--tuned", action="store_true", help="also under the tuned allocator")

@@ -20,7 +20,7 @@ import numpy as np
 import voxjax as vx
 from bench.cases import maps_folder
 from bench.reports import markdown_table, write_json
-from bench.timing import setting, turned
+from bench.timing import round_count, setting, turned
 from voxjax.synthetic import simulate_team
 
 FORMATS = (".bt", ".npz", ".zarr")
@@ -128,7 +128,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument(
         "--maps", type=Path, help="folder of test maps; default: VOXJAX_MAPS or ../shared/maps"
     )
-    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--rounds", type=round_count, default=5)
     parser.add_argument("--out", type=Path, default=Path("bench/out/stores.json"))
     args = parser.parse_args(argv)
     print(setting(), flush=True)

@@ -7,6 +7,7 @@ median is reported with the quartiles. Device arrays are waited for.
 
 from __future__ import annotations
 
+import argparse
 import importlib.metadata
 import os
 import platform
@@ -74,6 +75,18 @@ def turned(items: Sequence[Item], turn: int) -> list[Item]:
     """Items in an order that begins one later with each turn, so that no item always comes first."""
     shift = turn % len(items)
     return [*items[shift:], *items[:shift]]
+
+
+def round_count(text: str) -> int:
+    """A number of rounds from the command line.
+
+    Raises:
+        argparse.ArgumentTypeError: If it is below 1, of which there is no median.
+    """
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"must be 1 or more, got {number}")
+    return number
 
 
 def setting() -> str:

@@ -2,7 +2,9 @@
 
 import json
 
-from bench import stores
+import pytest
+
+from bench import cliques, inferred_space, start, stores
 from small_worlds import draw_map
 from voxjax import VoxelGrid
 
@@ -24,3 +26,11 @@ def test_a_row_has_bytes_times_and_memory_of_each_format(tmp_path):
     assert lines[0] == "|  | .bt | .npz | .zarr | .zarr with log-odds |"
     assert lines[2].startswith(f"| `room`, bytes | {row['.bt']['bytes']:,} |")
     assert lines[5].startswith("| open |  |  | 0.")
+
+
+@pytest.mark.parametrize("main", [stores.main, start.main, cliques.main, inferred_space.main])
+@pytest.mark.parametrize("count", ["0", "-1"])
+def test_without_rounds_there_is_nothing_to_measure(main, count, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main([f"--rounds={count}"])
+    assert f"argument --rounds: must be 1 or more, got {count}" in capsys.readouterr().err

@@ -148,6 +148,12 @@ def test_stores_of_before_shards_are_read(tmp_path):
         _ = vx.read_map(path).states
 
 
+@pytest.mark.parametrize("names", [[None, None, None], ["x", None, "z"]])
+def test_axes_may_have_no_names(path, names):
+    edit(path / "states", dimension_names=names)
+    assert vx.read_map(path) == make_map(has_log_odds=True)
+
+
 def test_opened_maps_go_to_other_processes(tmp_path, path):
     other = zarr.create_group(
         tmp_path / "o.zarr", attributes={"voxjax_map": 1, "origin": [0, 0, 0], "voxel_size": 1}

@@ -6,7 +6,6 @@ that are not there hold 0. Its attributes say where the voxels lie. `zarr_chunks
 
 import math
 import os
-import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool
 
 from .._checks import InputError, shown
 from .._runtime.memory import check_memory
@@ -25,6 +23,7 @@ from ..ops.blocks.chunked_array import ChunkedArray
 from .budget import Budget
 from .files import read_bytes
 from .zarr_chunks import MARKER, ChunksOfZarr, PlainChunks, StoreChunks
+from .zarr_listing import known_files
 from .zarr_shards import layout_of
 
 VERSION = 1
@@ -55,6 +54,7 @@ def open_zarr(path: Path, *, max_voxels: int | None = None) -> VoxelGrid:
     """
     check_zarr_support()
     _check_folder(path)
+    given, path = path, path.absolute()  # the working directory may be another one when a chunk is read
     import zarr.storage
 
     with _damage_explained(MARKER):
@@ -62,12 +62,12 @@ def open_zarr(path: Path, *, max_voxels: int | None = None) -> VoxelGrid:
         group = zarr.open_group(store, mode="r", zarr_format=3, use_consolidated=False)
         attributes = group.attrs.asdict()
     origin, voxel_size = _place_of(attributes)
-    states = _opened(path, group, "states")
+    states = _opened(path, given, group, "states")
     if states is None:
         raise InputError("the store has no array 'states', so it is no voxjax map")
     if max_voxels is not None:
         Budget(0, max_voxels).check_grid(states.shape, 0)
-    log_odds = _opened(path, group, "log_odds")
+    log_odds = _opened(path, given, group, "log_odds")
     if log_odds is not None and log_odds.shape != states.shape:
         raise InputError(
             f"the array 'log_odds' must have the shape of 'states' {states.shape}, got {log_odds.shape}"
@@ -113,15 +113,24 @@ def _is_finite(value: object) -> bool:
     return type(value) in (int, float) and abs(value) <= sys.float_info.max  # pyright: ignore[reportArgumentType]
 
 
-def _opened(path: Path, group: Any, name: str) -> ChunkedArray | None:
+def _opened(path: Path, given: Path, group: Any, name: str) -> ChunkedArray | None:
     """An array of a store, whose chunks are read as they are asked for; None if there is none.
+
+    Args:
+        path: The folder of the store, absolute.
+        given: Its name for messages.
+        group: What zarr knows of it.
+        name: Of the array.
 
     Raises:
         InputError: If it is not as a map has it.
     """
     if not os.path.lexists(path / name):
         return None
-    read_bytes(path / name / MARKER, most=1 << 20)
+    try:
+        read_bytes(path / name / MARKER, most=1 << 20)
+    except InputError as error:
+        raise InputError(f"{name}/{MARKER}: {error}") from error
     with _damage_explained(f"{name}/{MARKER}"):
         array = group[name]
         axes, shape = array.metadata.dimension_names, array.shape
@@ -134,22 +143,23 @@ def _opened(path: Path, group: Any, name: str) -> ChunkedArray | None:
         raise InputError(
             f"the array {name!r} must have type {expected} and 3 axes, got {dtype} and shape {shape[:4]}"
         )
-    if axes is not None and tuple(axes) != ("x", "y", "z"):
+    # An axis may have no name.
+    if axes is not None and any(axis not in (None, own) for axis, own in zip(axes, "xyz", strict=True)):
         raise InputError(f"the array {name!r} must have the axes x, y, z, got {', '.join(map(str, axes))}")
     if fill_value != 0:
         raise InputError(f"the array {name!r} must have the fill value 0, got {fill_value}")
     if min(*chunk, *file) < 1:  # which zarr takes
         raise InputError(f"{name}/{MARKER} is damaged: its chunks have no voxels")
     _check_size(name, shape, chunk, expected.itemsize)
-    known = _known_files(path / name, _lattice(shape, file))
+    known = known_files(path / name, _lattice(shape, file), array.metadata.encode_chunk_key)
     layout = layout_of(path / name, metadata)
-    source = ChunksOfZarr(array) if layout is None else PlainChunks(layout, known)
+    source = ChunksOfZarr(path / name, array) if layout is None else PlainChunks(layout, known)
     for axis in range(3):
         known = np.repeat(known, file[axis] // chunk[axis], axis=axis)
     if isinstance(source, PlainChunks):
         source.leave_out_absent(known)
     known = known[tuple(map(slice, _lattice(shape, chunk)))]
-    return ChunkedArray(shape, expected, chunk, known, StoreChunks(path, name, shape, chunk, source))
+    return ChunkedArray(shape, expected, chunk, known, StoreChunks(path, given, name, shape, chunk, source))
 
 
 def _check_size(name: str, shape: Shape, chunk: Shape, itemsize: int) -> None:
@@ -175,30 +185,12 @@ def _lattice(shape: Shape, chunk: Shape) -> Shape:
     return x, y, z
 
 
-def _known_files(folder: Path, lattice: Shape) -> Bool[np.ndarray, "a b c"]:
-    """Which files of chunks an array has."""
-    known = np.zeros(lattice, bool)
-    # Names are c/0/0/0 or c.0.0.0, and 0/0/0 or 0.0.0 in arrays that came from version 2.
-    form = re.compile(r"(?:c[/.])?(\d{1,10})[/.](\d{1,10})[/.](\d{1,10})")
-    folders = [("", folder)]
-    while folders:
-        prefix, place = folders.pop()
-        with os.scandir(place) as entries:
-            for entry in entries:
-                match = form.fullmatch(prefix + entry.name)
-                if match and all(int(number) < n for number, n in zip(match.groups(), lattice, strict=True)):
-                    if not entry.is_file():  # a pipe would be waited for
-                        raise InputError(f"{folder.name}/{prefix}{entry.name} is no file, and a chunk is one")
-                    known[tuple(map(int, match.groups()))] = True
-                elif prefix.count("/") < 3 and entry.is_dir():
-                    folders.append((f"{prefix}{entry.name}/", Path(entry.path)))
-    return known
-
-
 @contextmanager
 def _damage_explained(name: str) -> Iterator[None]:
     """Whatever goes wrong inside is the fault of a file of metadata: to be used around calls of zarr alone."""
     try:
         yield
+    except MemoryError:
+        raise
     except Exception as error:  # zarr promises no set of exceptions
         raise InputError(f"{name} is damaged, or of something else than a map") from error

@@ -83,7 +83,7 @@ class Layout(NamedTuple):
         """Where the chunks of a shard lie: begin and number of bytes, or `is_absent`; None if the file is damaged."""
         assert self.many is not None
         size = 16 * math.prod(self.many)
-        with open(self._file(shard), "rb") as file:
+        with open(self.folder / self.key(shard), "rb") as file:
             file.seek(max(os.fstat(file.fileno()).st_size - size - 4, 0))
             content = file.read(size + 4)
         if len(content) < size + 4 or _checksum(content[:size]) != content[size:]:
@@ -108,7 +108,7 @@ class Layout(NamedTuple):
             if index is None:
                 raise ValueError("the index of the shard")
             begin, count = index[tuple(p % n for p, n in zip(place, self.many, strict=True))].tolist()
-        with open(self._file(self.shard_of(place)), "rb") as file:
+        with open(self.folder / self.key(self.shard_of(place)), "rb") as file:
             file.seek(begin)
             content = file.read(min(count, most + 1))
         # No chunk is longer than that, and what is longer may be of any length once it is unpacked.
@@ -116,8 +116,9 @@ class Layout(NamedTuple):
             raise ValueError("the number of bytes")
         return np.frombuffer(zstd.decompress(content), self.dtype).reshape(self.chunk)
 
-    def _file(self, shard: Place) -> Path:
-        return self.folder.joinpath("c", *map(str, shard))
+    def key(self, shard: Place) -> str:
+        """Name of a file of chunks in the folder of the array."""
+        return "/".join(("c", *map(str, shard)))
 
 
 def is_absent(index: UInt64[np.ndarray, "a b c 2"]) -> np.ndarray:

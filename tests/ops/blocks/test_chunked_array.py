@@ -179,3 +179,18 @@ def test_a_map_of_chunks_is_the_map_of_the_dense_array():
     np.testing.assert_array_equal(grid.log_odds, odds)
     np.testing.assert_array_equal(grid.log_odds_blocks(), odds)
     assert repr(grid) == repr(true)
+
+
+def test_a_window_for_which_the_process_may_not_take_memory_is_said(monkeypatch):
+    def refused(*_, **__):
+        raise MemoryError
+
+    known = np.ones((1, 1, 1), bool)
+    stored = ChunkedArray((9, 8, 7), np.uint8, (9, 8, 7), known, lambda _: np.ones((9, 8, 7), np.uint8))
+    sentence = "a window of 9 x 8 x 7 voxels needs more memory than this process may take; crop the map"
+    for function, read in (("_surveyed", lambda: stored.count(1)), ("split", stored.blocks)):
+        monkeypatch.setattr(f"voxjax.ops.blocks.chunked_array.{function}", refused)
+        with pytest.raises(InputError, match=sentence):
+            read()
+    with pytest.raises(InputError, match="a window of 1000000000000 x 1000 x 1 voxels needs more memory"):
+        stored.window((0, 0, 0), (10**12, 1000, 1))

@@ -7,12 +7,14 @@ kept, up to a bound; what needs all voxels passes over the chunks one after anot
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cached_property
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Int, Int32, Shaped
 
+from ..._checks import InputError
 from ..._runtime.memory import check_memory, memory_limit
 from ..._runtime.threads import num_cores, spread
 from .block_array import BLOCK_VOXELS, BlockArray, Corner, Shape, is_uniform
@@ -125,11 +127,15 @@ class ChunkedArray:
         Args:
             low: Lowest voxel, which may lie outside.
             high: One past the highest.
+
+        Raises:
+            InputError: If this process may not take the memory for it.
         """
         if self._whole is not None:
             return self._whole.window(low, high)
         first, last = np.asarray(low, np.int64), np.asarray(high, np.int64)
-        found = np.zeros(np.maximum(last - first, 0), self.dtype)
+        with _memory_named(first, last):
+            found = np.zeros(np.maximum(last - first, 0), self.dtype)
         for place in self._places(np.maximum(first, 0), np.minimum(last, self.shape)):
             begin = place * self.chunk
             values = self._chunk(place)
@@ -239,10 +245,11 @@ class ChunkedArray:
 
     def _gathered(self, first: Int[np.ndarray, "3"], last: Int[np.ndarray, "3"]) -> BlockArray:
         """The blocks of a window that begins with a piece, and ends with one or with the box."""
-        builder = BlockBuilder(tuple((last - first).tolist()), self.dtype)
-        for low, (index, blocks) in self._parts(split, first, last):
-            builder.add(index + (low - first) // BLOCK, blocks)
-        return builder.finish()
+        with _memory_named(first, last):
+            builder = BlockBuilder(tuple((last - first).tolist()), self.dtype)
+            for low, (index, blocks) in self._parts(split, first, last):
+                builder.add(index + (low - first) // BLOCK, blocks)
+            return builder.finish()
 
     def _parts(
         self,
@@ -270,8 +277,10 @@ class ChunkedArray:
         lows = lows[((lows >= first) & (lows < last)).all(axis=1)]
 
         def of_piece(low: np.ndarray) -> T | None:
-            values = self.window(low, np.minimum(low + self._piece, last))
-            return function(values) if values.any() else None
+            high = np.minimum(low + self._piece, last)
+            values = self.window(low, high)
+            with _memory_named(low, high):
+                return function(values) if values.any() else None
 
         step = 4 * num_cores()
         for start in range(0, len(lows), step):
@@ -303,6 +312,22 @@ class ChunkedArray:
             while len(self._kept) > max(most, 1):
                 self._kept.popitem(last=False)
         return values
+
+
+@contextmanager
+def _memory_named(low: Int[np.ndarray, "3"], high: Int[np.ndarray, "3"]) -> Iterator[None]:
+    """Say what the memory was for that this process may not take: the limit of a shell or of a batch job.
+
+    Raises:
+        InputError: In place of a `MemoryError` within the block.
+    """
+    try:
+        yield
+    except MemoryError as error:
+        size = " x ".join(map(str, (high - low).tolist()))
+        raise InputError(
+            f"a window of {size} voxels needs more memory than this process may take; {_ADVICE}."
+        ) from error
 
 
 def _surveyed(values: Shaped[np.ndarray, "x y z"]) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
