@@ -60,6 +60,18 @@ def check_count(name: str, value: object, least: int = 0) -> int:
     return int(number)
 
 
+def check_whole(name: str, value: object, least: int, most: int) -> int:
+    """Return `value` if it is a whole number within limits.
+
+    Raises:
+        InputError: If it is not.
+    """
+    number = _number(value)
+    if not (least <= number <= most and number % 1 == 0):
+        raise InputError(f"{name} must be a whole number from {least} to {most}, got {shown(value)}.")
+    return int(number)
+
+
 def check_three_axes(name: str, shape: tuple[int, ...]) -> None:
     """Raise if an array is no grid.
 

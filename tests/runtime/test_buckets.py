@@ -22,3 +22,10 @@ def test_rows_are_kept_and_followed_by_the_fill():
     np.testing.assert_array_equal(padded[:3], rows)
     np.testing.assert_array_equal(padded[3:], -1)
     np.testing.assert_array_equal(pad_rows(rows, 4, fill=np.asarray([7, 8]))[3], [7, 8])
+
+
+@pytest.mark.parametrize("size", [bucket_size, wide_bucket_size])
+@pytest.mark.parametrize("smallest", [0, -64])
+def test_ladders_that_would_never_climb_are_refused(size, smallest):
+    with pytest.raises(ValueError, match=f"smallest must be 1 or more, got {smallest}"):
+        size(5, smallest)

@@ -5,7 +5,7 @@ import numpy as np
 
 def bucket_size(count: int, smallest: int = 64) -> int:
     """Return the smallest rung >= `count` of the ladder s, 1.5 s, 2 s, 3 s, 4 s, 6 s, ..."""
-    rung = smallest
+    rung = _first_rung(smallest)
     while rung < count:
         # There are two rungs for each doubling: padding is at most a third of what is computed.
         if rung * 3 // 2 >= count:
@@ -16,10 +16,17 @@ def bucket_size(count: int, smallest: int = 64) -> int:
 
 def wide_bucket_size(count: int, smallest: int) -> int:
     """Return the smallest of s, 4 s, 16 s, ... that is >= `count`: for short lists, where a compilation costs more."""
-    rung = smallest
+    rung = _first_rung(smallest)
     while rung < count:
         rung *= 4
     return rung
+
+
+def _first_rung(smallest: int) -> int:
+    # From 0 a ladder never climbs, and its callers would wait forever.
+    if smallest < 1:
+        raise ValueError(f"smallest must be 1 or more, got {smallest}.")
+    return smallest
 
 
 def pad_rows(rows: np.ndarray, size: int, fill: float | int | np.ndarray = 0) -> np.ndarray:

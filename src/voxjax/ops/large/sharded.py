@@ -20,6 +20,7 @@ from jaxtyping import Shaped
 from ..._checks import InputError
 from ..._runtime.forks import refused_after_fork
 from ..._runtime.memory import check_memory
+from .sharded_checks import check_mesh
 from .tiles import Sliceable
 
 
@@ -48,9 +49,10 @@ def shard_grid(grid: Sliceable, mesh: Mesh, *, max_halo: int = 7) -> ShardedGrid
             from the next device; grids that are too thin for their mesh are padded to that.
 
     Raises:
-        InputError: If the grid has fewer than three axes or no voxels, the mesh more than three, or the halo is
-            below 0.
+        InputError: If the grid has fewer than three axes or no voxels, the mesh no devices or more than three axes, or
+            the halo is below 0.
     """
+    check_mesh(mesh)
     if len(grid.shape) < 3 or 0 in grid.shape:
         raise InputError(f"grid must have voxels along x, y, z, got shape {tuple(grid.shape)}.")
     if not 1 <= len(mesh.axis_names) <= 3:

@@ -14,7 +14,7 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Bool, Int32, Shaped
 
-from ..._checks import InputError
+from ..._checks import InputError, check_type, check_whole, shown
 from ..._runtime.buckets import bucket_size
 from ..._runtime.forks import refused_after_fork
 from ..._runtime.memory import check_memory
@@ -26,6 +26,7 @@ from ..blocks.words import BLOCK
 from ..evidence.lookup import entries
 from .block_parts import Part, cut_parts, pool_of, table_of
 from .sharded import fetched
+from .sharded_checks import check_mesh
 
 
 class ShardedBlocks(eqx.Module):
@@ -91,18 +92,18 @@ def shard_blocks(array: BlockArray, mesh: Mesh, *, value: int = int(OCCUPIED)) -
         value: Parts hold equally many blocks with some voxel of this value, which kernels are run on.
 
     Raises:
-        InputError: If the array holds other numbers or no voxel, the value is 0, or there is not enough memory for the
-            parts of this process.
+        InputError: If the array is no `BlockArray`, or holds other numbers or no voxel, the mesh is none or empty, the
+            value is 0 or no number that the array can hold, or there is not enough memory for the parts of this
+            process.
     """
+    check_type("array", array, BlockArray, "take grid.state_blocks() of a VoxelGrid")
+    check_mesh(mesh)
     if array.dtype.kind not in "bui" or array.num_voxels == 0:
         raise InputError(
             "array must have voxels of whole numbers or truth values, got "
             f"{array.dtype} of shape {array.shape}; shard the states of a map."
         )
-    if value == 0:
-        raise InputError(
-            "value must not be 0, which is what blocks hold that lie nowhere; take OCCUPIED (2)."
-        )
+    value = _listed_value(value, array.dtype)
     # Each process builds its own parts, but all have to know how long the longest one is.
     parts = list(cut_parts(array, mesh.devices.size, value))
     lengths = _lengths_for(parts)
@@ -126,7 +127,7 @@ def shard_blocks(array: BlockArray, mesh: Mesh, *, value: int = int(OCCUPIED)) -
         )
         for some in zip(*shards, strict=True)
     )
-    return ShardedBlocks(pool, table, span, places, array.shape, int(value), mesh)
+    return ShardedBlocks(pool, table, span, places, array.shape, value, mesh)
 
 
 @refused_after_fork
@@ -139,7 +140,18 @@ def gather_blocks(values: Shaped[jax.Array, "listed 8 8 8"], blocks: ShardedBloc
     Args:
         values: One value for each voxel of each listed block.
         blocks: What the kernel was run on.
+
+    Raises:
+        InputError: If the values are no device array of one block for each listed one, or the blocks no map in parts.
     """
+    check_blocks(blocks)
+    shape, expected = getattr(values, "shape", None), (len(blocks.places), BLOCK, BLOCK, BLOCK)
+    if not isinstance(values, jax.Array) or shape != expected:
+        got = shown(values) if shape is None else f"a {type(values).__name__} of shape {shape}"
+        raise InputError(
+            f"values must be a jax.Array of shape {expected}, got {got}; "
+            "give what count_in_shards or classes_in_shards made of the same blocks."
+        )
     places, found = fetched(blocks.places), fetched(values)
     is_listed = places[:, 0] >= 0
     builder = BlockBuilder(blocks.shape, found.dtype, capacity=int(is_listed.sum()) + 1)
@@ -149,6 +161,27 @@ def gather_blocks(values: Shaped[jax.Array, "listed 8 8 8"], blocks: ShardedBloc
         some = slice(start, start + step)
         builder.add(places[some][is_listed[some]], found[some][is_listed[some]])
     return builder.finish()
+
+
+def check_blocks(blocks: object) -> None:
+    """Raise if a kernel cannot take it for a map in parts.
+
+    Raises:
+        InputError: If it is something else.
+    """
+    check_type("blocks", blocks, ShardedBlocks, "make them with voxjax.ops.shard_blocks")
+
+
+def _listed_value(value: object, dtype: np.dtype) -> int:
+    """The value that is listed as a number, if voxels of a kind can hold it and it is not 0."""
+    number = int(value) if dtype.kind == "b" and isinstance(value, (bool, np.bool_)) else value
+    low, high = (0, 1) if dtype.kind == "b" else (np.iinfo(dtype).min, np.iinfo(dtype).max)
+    number = check_whole("value", number, int(low), int(high))
+    if number == 0:
+        raise InputError(
+            "value must not be 0, which is what blocks hold that lie nowhere; take OCCUPIED (2)."
+        )
+    return number
 
 
 class _Lengths(NamedTuple):

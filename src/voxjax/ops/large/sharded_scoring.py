@@ -4,7 +4,6 @@ Each device answers for the places that its own blocks hold, and the answers are
 """
 
 from functools import partial
-from math import prod
 
 import equinox as eqx
 import jax
@@ -13,16 +12,17 @@ import numpy as np
 from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Float32, UInt8
 
-from ..._checks import InputError
+from ..._checks import InputError, check_count, check_type, shown
 from ..._runtime.buckets import bucket_size, pad_rows
 from ..._runtime.forks import refused_after_fork
 from ..._runtime.placement import is_traced
 from ..._types import Array
-from ..blocks.block_array import BlockArray, lattice_shape
+from ..blocks.block_array import BLOCK_VOXELS, BlockArray
 from ..blocks.words import BLOCK
 from ..evidence.lookup import Block, turn_columns
 from ..evidence.scoring import HIT, CodeField
 from .sharded_blocks import ShardedBlocks, shard_blocks
+from .sharded_checks import as_array, check_finite, check_mesh, place_of, scored_lists
 
 
 class ShardedCodes(eqx.Module):
@@ -70,14 +70,20 @@ def shard_codes(codes: UInt8[Array, "flat"], block: Block, mesh: Mesh) -> Sharde
         mesh: Devices, as for `shard_blocks`.
 
     Raises:
-        InputError: If the block has no table, or as from `shard_blocks`.
+        InputError: If the block has no table, or one that is too short, or the codes are not those of its rows, or as
+            from `shard_blocks`.
     """
-    if block.table is None:
-        raise InputError("block must have a table of blocks, as that of a prepared map; got a dense field.")
-    x, y, z = (int(n) for n in np.asarray(block.dims))
-    lattice = lattice_shape((x, y, z))
-    table = np.asarray(block.table)[: prod(lattice)].reshape(lattice)
-    pool = np.asarray(codes).reshape(-1, BLOCK, BLOCK, BLOCK)[: int(table.max(initial=0)) + 1]
+    check_type("block", block, Block, "make it with voxjax.ops.Block")
+    check_mesh(mesh)
+    (x, y, z), table = place_of(block)
+    num_rows, flat = int(table.max(initial=0)) + 1, as_array(codes)
+    if flat.dtype.kind not in "ui" or flat.ndim != 1 or len(flat) < num_rows * BLOCK_VOXELS:
+        got = f"{flat.dtype} of shape {flat.shape}" if flat.ndim else shown(codes)
+        raise InputError(
+            f"codes must be a flat array of {num_rows * BLOCK_VOXELS} whole numbers or more, 512 for each row that "
+            f"block.table names, got {got}; give those that were made with this block."
+        )
+    pool = flat[: num_rows * BLOCK_VOXELS].reshape(-1, BLOCK, BLOCK, BLOCK)
     # Parts hold equally many blocks at surfaces.
     blocks = shard_blocks(BlockArray(table, pool, (x, y, z)), mesh, value=int(HIT))
     place = (np.asarray(value) for value in (block.dims, block.origin, np.float32(block.voxel_size)))
@@ -108,7 +114,22 @@ def score_in_shards(
 
     Returns:
         For each pose the sums of the weights that hit, conflict, and are known but undecided, on all devices.
+
+    Raises:
+        InputError: If the codes are not from `shard_codes`, points, weights or poses have other shapes or, but for
+            points of weight 0, numbers that are not finite, or `batch_size` is below 1.
     """
+    check_type("codes", codes, ShardedCodes, "make them with voxjax.ops.shard_codes")
+    batch_size = check_count("batch_size", batch_size, 1)
+    points, weights, poses = scored_lists(points, weights, poses)
+    # Without poses there is nothing that a device could answer.
+    if len(poses) == 0:
+        return jnp.zeros((0, 3), jnp.float32)
+    # Poses beyond a batch are padding, which takes memory and time.
+    batch_size = min(batch_size, bucket_size(len(poses), 8))
+    # A loop over poses that are handled one by one leaves out pieces for each of them.
+    is_cpu = codes.blocks.mesh.devices.flat[0].platform == "cpu"
+    together = 1 if is_cpu else batch_size
     # Pieces of fewer points are met by fewer devices, but each is a step of a loop.
     piece = 4096
     if any(is_traced(values) for values in (points, weights, poses)):
@@ -119,11 +140,15 @@ def score_in_shards(
         # From the host, where all processes have the same ones; in lengths of the ladder, so that others rarely compile
         # anything.
         lists = _in_pieces(np.asarray(points), np.asarray(weights), piece)
-        turned = pad_rows(np.asarray(poses), bucket_size(len(poses), batch_size))
+        check_finite("poses", np.asarray(poses))
+        turned = pad_rows(np.asarray(poses), _padded_count(len(poses), batch_size, together))
     columns, shares = lists[0].reshape(-1, piece, 3).swapaxes(1, 2), lists[1].reshape(-1, piece)
-    # A loop over poses that are handled one by one leaves out pieces for each of them.
-    is_cpu = codes.blocks.mesh.devices.flat[0].platform == "cpu"
-    return _scores(codes, columns, shares, turned, together=1 if is_cpu else batch_size)[: len(poses)]
+    return _scores(codes, columns, shares, turned, together=together)[: len(poses)]
+
+
+def _padded_count(count: int, batch_size: int, together: int) -> int:
+    """Number of poses with padding: a rung of the ladder from a batch on that those handled together divide."""
+    return together * bucket_size(-(-count // together), batch_size // together)
 
 
 @partial(jax.jit, static_argnames=("together",))
@@ -184,6 +209,9 @@ def _in_pieces(points: np.ndarray, weights: np.ndarray, piece: int) -> tuple[np.
     """Points that have a weight, those of each piece close together, and their weights, padded by zeros."""
     rows = np.flatnonzero(weights)
     some = points[rows]
+    # A piece with one place that is no number would be met by no pose, with all other points in it.
+    check_finite("points", some)
+    check_finite("weights", weights[rows])
     if len(rows) > piece:
         # Along a Morton curve through 32 cells a side: keys of 16 bits are sorted in one pass.
         low, side = some.min(axis=0), np.ptp(some, axis=0).max()

@@ -18,12 +18,11 @@ from ..bits import pack_bits
 from ..blocks.counts import MAX_HALO, count_cubes
 from ..blocks.words import BLOCK
 from ..window.box import check_shift, check_size
-from ..window.classes import classes_of_counts
-from .sharded_blocks import ShardedBlocks
+from ..window.classes import check_min_change, classes_of_counts
+from .sharded_blocks import ShardedBlocks, check_blocks
 
 
 @refused_after_fork
-@partial(jax.jit, static_argnames=("size",))
 def count_in_shards(blocks: ShardedBlocks, *, size: int = 7) -> UInt16[jax.Array, "listed 8 8 8"]:
     """`box_count` on the listed blocks of all parts.
 
@@ -35,10 +34,14 @@ def count_in_shards(blocks: ShardedBlocks, *, size: int = 7) -> UInt16[jax.Array
         uint16 in [0, size**3] for each voxel of each listed block, cut as `blocks.places` is; 0 in padding.
 
     Raises:
-        InputError: If `size` is even, below 1 or above 15.
+        InputError: If `blocks` is no map in parts, or `size` even, below 1 or above 15.
     """
-    size = check_size(size)
+    check_blocks(blocks)
+    return _counts(blocks, size=check_size(size))
 
+
+@partial(jax.jit, static_argnames=("size",))
+def _counts(blocks: ShardedBlocks, *, size: int) -> UInt16[jax.Array, "listed 8 8 8"]:
     def count(words: jax.Array) -> jax.Array:
         return _counts_with_margin(words, size, 0)
 
@@ -46,7 +49,6 @@ def count_in_shards(blocks: ShardedBlocks, *, size: int = 7) -> UInt16[jax.Array
 
 
 @refused_after_fork
-@partial(jax.jit, static_argnames=("size", "shift"))
 def classes_in_shards(
     blocks: ShardedBlocks, min_change: Array | np.int32, *, size: int = 7, shift: int = 4
 ) -> UInt8[jax.Array, "listed 8 8 8"]:
@@ -62,15 +64,23 @@ def classes_in_shards(
         uint8: 0 not occupied, 1 flat, 2 edge, 3 corner, cut as `blocks.places` is; 0 in padding.
 
     Raises:
-        InputError: If `size` or `shift` are out of range, or reach farther than one block.
+        InputError: If `blocks` is no map in parts, `min_change` no whole number of int32, or `size` or `shift` are out
+            of range, or reach farther than one block.
     """
-    size, shift = check_size(size), check_shift(shift)
+    check_blocks(blocks)
+    min_change, size, shift = check_min_change(min_change), check_size(size), check_shift(shift)
     if size // 2 + shift > MAX_HALO:
         raise InputError(
             f"size // 2 + shift must be at most {MAX_HALO} voxels, what a part has around its blocks, "
             f"got {size // 2 + shift}; take window_classes."
         )
+    return _classes(blocks, min_change, size=size, shift=shift)
 
+
+@partial(jax.jit, static_argnames=("size", "shift"))
+def _classes(
+    blocks: ShardedBlocks, min_change: Array | np.int32, *, size: int, shift: int
+) -> UInt8[jax.Array, "listed 8 8 8"]:
     def classify(words: jax.Array, min_change: jax.Array) -> jax.Array:
         counts = _counts_with_margin(words, size, shift)
         is_occupied = _voxels(words)

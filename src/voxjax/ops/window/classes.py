@@ -13,9 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import UInt8
 
-from ..._checks import check_choice
+from ..._checks import InputError, check_choice, check_whole
 from ..._runtime.forks import refused_after_fork
-from ..._runtime.placement import on_host
+from ..._runtime.placement import is_traced, on_host
 from ..._types import Array
 from .box import MAX_SIZE as MAX_SIZE
 from .box import Occupied as Occupied
@@ -128,11 +128,12 @@ def window_classes(
         uint8: 0 not occupied, 1 flat (two steady directions or more), 2 edge (one), 3 corner (none).
 
     Raises:
-        InputError: If `occupied` is no grid, `size` or `shift` out of range, or the implementation unknown.
+        InputError: If `occupied` is no grid, `min_change` no whole number of int32, `size` or `shift` out of range, or
+            the implementation unknown.
         NotImplementedError: If "tiles" or "pallas" is asked for where it cannot run.
     """
     check_occupied(occupied)
-    size, shift = check_size(size), check_shift(shift)
+    min_change, size, shift = check_min_change(min_change), check_size(size), check_shift(shift)
     if implementation is not None:
         check_choice("implementation", implementation, ("passes", "tiles", "pallas"))
     if 0 in occupied.shape:
@@ -152,6 +153,23 @@ def window_classes(
     classes = partial(classes_within, min_change=min_change, size=size, shift=shift)
     # A class depends on counts one move away, and these on half a window more.
     return classes_in_tiles(classes, occupied, reach=size // 2 + shift)
+
+
+def check_min_change(min_change: object) -> Array | np.int32:
+    """Return `min_change` as the int32 scalar that kernels take; one on the device is left there.
+
+    Raises:
+        InputError: If it is no single whole number, or beyond int32. What is below 0 counts as 0.
+    """
+    dtype, shape = getattr(min_change, "dtype", None), getattr(min_change, "shape", ())
+    if shape == () and dtype is not None and dtype.kind != "b" and np.can_cast(dtype, np.int32):
+        return jnp.asarray(min_change, jnp.int32) if is_traced(min_change) else min_change  # pyright: ignore[reportReturnType]
+    if shape != () or is_traced(min_change):
+        raise InputError(
+            f"min_change must be a single whole number, got {dtype} of shape {shape}; give numpy.int32(20)."
+        )
+    limits = np.iinfo(np.int32)
+    return np.int32(check_whole("min_change", min_change, limits.min, limits.max))
 
 
 @partial(jax.jit, static_argnames=("size", "shift"))
