@@ -79,6 +79,24 @@ def test_a_pose_from_far_coarser_copies_is_as_good(maps, monkeypatch):
     assert error.metres < 0.3 * VOXEL
 
 
+def test_corners_of_fine_voxels_are_asked_where_copies_are_too_coarse(maps, monkeypatch):
+    monkeypatch.setattr(pair, "needed_coarsening", lambda a, b, settings: 8)
+    passed = []
+    monkeypatch.setattr(wide, "find_leaders", lambda a, *args: passed.append(a) or find_leaders(a, *args))
+    found = vx.register(*maps, config={"source": {"exhaustive": False}})
+    assert found.stats["coarse_voxel_size"] == pytest.approx(8 * VOXEL)
+    assert found.stats["num_rounds"] == 3
+    # What they propose passes all copies: a corner alone turns what is far away by too much.
+    assert [a.grid.voxel_size for a in passed] == pytest.approx(
+        [2 * VOXEL, VOXEL, 8 * VOXEL, 2 * VOXEL, VOXEL]
+    )
+    assert found.verdict == "accepted"
+    error = pose_error(
+        np.asarray(found.T_a_b), np.linalg.inv(T_MAP_WORLD), maps[1].occupied_points().mean(axis=0)
+    )
+    assert error.metres < 0.3 * VOXEL
+
+
 def test_coarsening_is_the_least_that_is_enough_and_its_features_are_made_once(maps):
     settings = config_from(WIDE)
     a, b = (features_at(grid, voxel_size=VOXEL, config=settings) for grid in maps)

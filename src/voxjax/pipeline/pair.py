@@ -18,6 +18,7 @@ from ..maps.main_part import main_part
 from ..refinement.refine import Refinement, refine
 from ..registration.hypotheses.map_features import MapFeatures, worse_free_space
 from ..registration.hypotheses.pose_range import PoseRange
+from ..registration.hypotheses.proposals import Proposals
 from ..registration.judging.conflict_pieces import weigh_pieces
 from ..registration.judging.leaders import Leaders, find_leaders, merge_leaders
 from ..registration.judging.verdict import Finding, decide
@@ -29,7 +30,7 @@ from .features import features_at, working_voxel
 from .hypotheses import first_hypotheses, other_hypotheses
 from .memory_need import check_register_memory
 from .stage_times import Stages
-from .wide import leaders_by_coarser_copies, needed_coarsening
+from .wide import finer_factors, leaders_by_coarser_copies, leaders_through_copies, needed_coarsening
 
 
 @refused_after_fork
@@ -146,9 +147,8 @@ def register_features(
     known = {"has_free_space": has_free_space, "is_inferred": free_space == "inferred"}
     release_kernels_if_crowded()
 
-    search = partial(
-        _search, settings=settings, known=known, stages=stages, pose_range=pose_range, guess=guess
-    )
+    options = {"settings": settings, "known": known, "stages": stages, "pose_range": pose_range}
+    search = partial(_search, guess=guess, **options)
     factor = needed_coarsening(a, b, settings)
     if factor == 1:
         leaders, finding, counts = search(a, b)
@@ -158,7 +158,17 @@ def register_features(
         )
         with stages.stage("leaders"):
             leaders = weigh_pieces(a.prepared, b.prepared, leaders, settings.verdict)
-        finding = decide(leaders.judgement, settings.verdict, **known)
+        # The wider the maps, the coarser the copies: what corners and descriptors tell is in the voxels themselves.
+        through_copies = partial(
+            leaders_through_copies,
+            factors=[factor, *finer_factors(factor)],
+            settings=settings,
+            stages=stages,
+            pose_range=pose_range,
+        )
+        leaders, finding, counts = _with_other_sources(
+            a, b, leaders, counts, leaders_of=through_copies, **options
+        )
     # The second round may find nothing either; then there is no pose to refine.
     if len(leaders.poses) == 0:
         return nothing_found(finding.reason, RESULTS.too_few_corners, counts | {"seconds": stages.seconds})
@@ -211,20 +221,61 @@ def _search(
         leaders = find_leaders(a.prepared, b.prepared, proposed, settings.leader, settings.evidence)
         leaders = weigh_pieces(a.prepared, b.prepared, leaders, settings.verdict)
 
-    # 3. The verdict: is one of the leaders right, and which?
-    finding = decide(leaders.judgement, settings.verdict, **known)
-
-    # 4. A second round with the other sources, unless a leader is probably right: more poses do not tell which.
-    is_settled = finding.verdict == "accepted" or finding.none < settings.verdict.max_none
-    if settings.source.thorough or not is_settled:
-        more = other_hypotheses(a, b, settings, pose_range=pose_range, stages=stages)
-        counts |= {"num_rounds": 2, "num_hypotheses": proposed.num_found + more.num_found, **more.counts}
+    def leaders_of(a: MapFeatures, b: MapFeatures, more: Proposals) -> Leaders:
         with stages.stage("leaders"):
-            found = find_leaders(a.prepared, b.prepared, more, settings.leader, settings.evidence)
-            leaders = merge_leaders(a.prepared, b.prepared, leaders, found, settings.leader)
-            leaders = weigh_pieces(a.prepared, b.prepared, leaders, settings.verdict)
-        finding = decide(leaders.judgement, settings.verdict, **known)
-    return leaders, finding, counts
+            return find_leaders(a.prepared, b.prepared, more, settings.leader, settings.evidence)
+
+    # 3. A second round, unless that settles it.
+    return _with_other_sources(
+        a,
+        b,
+        leaders,
+        counts,
+        leaders_of=leaders_of,
+        settings=settings,
+        known=known,
+        stages=stages,
+        pose_range=pose_range,
+    )
+
+
+def _with_other_sources(
+    a: MapFeatures,
+    b: MapFeatures,
+    leaders: Leaders,
+    counts: dict[str, Any],
+    *,
+    leaders_of: Callable[[MapFeatures, MapFeatures, Proposals], Leaders],
+    settings: Config,
+    known: dict[str, bool],
+    stages: Stages,
+    pose_range: PoseRange,
+) -> tuple[Leaders, Finding, dict[str, Any]]:
+    """Leaders with those that the other sources bring, unless one is probably right: more poses do not tell which.
+
+    Args:
+        a: First map.
+        b: Second map.
+        leaders: What was found so far.
+        counts: What was counted so far.
+        leaders_of: Finds the leaders among more hypotheses.
+        settings: Settings of the stages.
+        known: What the verdict knows of the maps' free space.
+        stages: Keeps the seconds of each stage.
+        pose_range: The poses that can be.
+    """
+    finding = decide(leaders.judgement, settings.verdict, **known)
+    is_settled = finding.verdict == "accepted" or finding.none < settings.verdict.max_none
+    if is_settled and not settings.source.thorough:
+        return leaders, finding, counts
+    more = other_hypotheses(a, b, settings, pose_range=pose_range, stages=stages)
+    num_found = counts["num_hypotheses"] + more.num_found
+    counts = counts | more.counts | {"num_rounds": counts["num_rounds"] + 1, "num_hypotheses": num_found}
+    found = leaders_of(a, b, more)
+    with stages.stage("leaders"):
+        leaders = merge_leaders(a.prepared, b.prepared, leaders, found, settings.leader)
+        leaders = weigh_pieces(a.prepared, b.prepared, leaders, settings.verdict)
+    return leaders, decide(leaders.judgement, settings.verdict, **known), counts
 
 
 def _isolated(num_a: int, num_b: int) -> dict[str, int]:

@@ -1,7 +1,7 @@
 """Maps of hundreds of metres: coarser copies, in which poses are looked for before they are judged in fine voxels."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -78,6 +78,8 @@ def leaders_by_coarser_copies(
 ) -> tuple[Leaders, dict[str, Any]]:
     """Leaders of a pair of wide maps, which were leaders in coarser voxels before, and what was counted on the way.
 
+    Pieces of conflicts are not weighed yet.
+
     Args:
         a: First map.
         b: Second map.
@@ -88,20 +90,58 @@ def leaders_by_coarser_copies(
         pose_range: The poses that can be.
         guess: One more pose (4, 4) to try, or None.
     """
-
-    def copies(factor: int) -> list[MapFeatures]:
-        with stages.stage("coarser features"):
-            return spread(partial(coarser_features, factor=factor, settings=settings), (a, b))
-
-    coarsest = copies(factor)
+    coarsest = _copies(a, b, factor, settings, stages)
     leaders, _, counts = search(*coarsest)
     counts["coarse_voxel_size"] = coarsest[0].prepared.grid.voxel_size
-    for finer in finer_factors(factor):
-        finer_a, finer_b = copies(finer)
-        found = [Proposals(leaders.poses, leaders.sources, len(leaders.poses), {})]
-        proposed = admit(found if guess is None else [propose_guess(guess), *found], pose_range)
+    options = {"settings": settings, "stages": stages, "pose_range": pose_range, "guess": guess}
+    return leaders_through_copies(a, b, leaders, finer_factors(factor), **options), counts
+
+
+def leaders_through_copies(
+    a: MapFeatures,
+    b: MapFeatures,
+    proposed: Proposals | Leaders,
+    factors: Sequence[int],
+    *,
+    settings: Config,
+    stages: Stages,
+    pose_range: PoseRange,
+    guess: np.ndarray | None = None,
+) -> Leaders:
+    """Leaders of a pair that were leaders in each of some copies before.
+
+    A rotation that is off by a fraction of a degree moves what lies hundreds of metres away by more than refinement in
+    fine voxels reaches.
+
+    Args:
+        a: First map.
+        b: Second map.
+        proposed: Poses.
+        factors: How many times as wide voxels are in each copy, falling; the last one is 1.
+        settings: Settings of the stages.
+        stages: Keeps the seconds of each stage.
+        pose_range: The poses that can be.
+        guess: One more pose (4, 4), which is tried in each copy anew, or None.
+    """
+    first = [] if guess is None else [propose_guess(guess)]
+    for factor in factors:
+        copy_a, copy_b = _copies(a, b, factor, settings, stages)
+        passed = Proposals(proposed.poses, proposed.sources, len(proposed.poses), {})
         with stages.stage("leaders"):
-            leaders = find_leaders(
-                finer_a.prepared, finer_b.prepared, proposed, settings.leader, settings.evidence
+            proposed = find_leaders(
+                copy_a.prepared,
+                copy_b.prepared,
+                admit([*first, passed], pose_range),
+                settings.leader,
+                settings.evidence,
             )
-    return leaders, counts
+    assert isinstance(proposed, Leaders)
+    return proposed
+
+
+def _copies(
+    a: MapFeatures, b: MapFeatures, factor: int, settings: Config, stages: Stages
+) -> list[MapFeatures]:
+    """Both maps in voxels `factor` times as wide."""
+    with stages.stage("coarser features"):
+        return spread(partial(coarser_features, factor=factor, settings=settings), (a, b))
