@@ -1,6 +1,6 @@
 """Maps as they come: frames far from zero, strays far away, outdoor clouds, fragments in fine voxels.
 
-    python -m bench scale [--maps FOLDER] [--seed S] [--quick]
+    python -m bench scale [--maps FOLDER] [--seed S] [--quick] [--only PART ...]
 
 Frames: a generated pair at zero and in the coordinates of a national grid. Strays: the same pair as files, with and
 without one occupied voxel 600 m away, and as clouds of points, with and without one 10 km away; read and registered
@@ -40,6 +40,7 @@ FAR = np.array([4e5, 5e6, 3e2])
 """Easting, northing and height of a far frame [m]: whole voxels of 0.1 m."""
 STRAY, CLOUD_STRAY = 600.0, 10_000.0
 """How far away the stray voxel of a map, and the stray point of a cloud, lies [m]."""
+PARTS = ("frames", "strays", "outdoors", "valleys", "boxes", "site", "clouds")
 
 
 def frame_row(a: vx.VoxelGrid, b: vx.VoxelGrid) -> dict:
@@ -151,6 +152,7 @@ def main(argv: list[str]) -> int:
     )
     parser.add_argument("--seed", type=int, default=70)
     parser.add_argument("--quick", action="store_true", help="generated maps alone, in voxels of 0.2 m")
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=PARTS, help="parts to run; default: all")
     parser.add_argument("--out", type=Path, default=Path("bench/out/scale.json"))
     parser.add_argument("--in-process", nargs=2, metavar="MAP", help=argparse.SUPPRESS)
     args = parser.parse_args(argv)
@@ -158,24 +160,37 @@ def main(argv: list[str]) -> int:
         print(json.dumps(measure(*args.in_process)))
         return 0
     print(setting(), flush=True)
-    team = simulate_team(args.seed, overlap=0.4, frame="yaw", voxel_size=0.2 if args.quick else 0.1)
-    a, b = team.grids[:2]
-    parts = {"frames": [frame_row(a, b)], "strays": list(stray_rows(a, b))}
+    parts = {}
     with tempfile.TemporaryDirectory() as temporary:
-        parts["outdoors"] = [site_cloud_row(args.seed)]
-        parts["valleys"] = list(valley_rows(args.seed, (1.0,) if args.quick else (0.5, 1.0, 2.0)))
-        parts["boxes"] = list(box_rows(args.seed, a.voxel_size, Path(temporary)))
-        if not args.quick:
-            parts["site"] = [site_row(args.seed, Site(), Path(temporary))]
-    folder = maps_folder(args.maps, is_wanted=not args.quick)
-    loaded = ((case, case.load()) for case in (folder_cases(folder, ["real"]) if folder else []))
-    clouds = [cloud_row(case, pair) for case, pair in loaded if not pair.a.num_free]
-    if clouds:
-        parts["clouds"] = clouds
-    for name, rows in parts.items():
-        print(f"\n{name}\n\n{table(rows)}", flush=True)
+        for name in (part for part in PARTS if part in args.only):
+            rows = list(_rows_of(name, args, Path(temporary)))
+            if rows:
+                parts[name] = rows
+                print(f"\n{name}\n\n{table(rows)}", flush=True)
     write_json(args.out, parts)
     return 0
+
+
+def _rows_of(name: str, args: argparse.Namespace, temporary: Path) -> Iterator[dict]:
+    """The rows of a part; none of the larger ones where only quick ones are wanted."""
+    voxel_size = 0.2 if args.quick else 0.1
+    if name in ("frames", "strays"):
+        a, b = simulate_team(args.seed, overlap=0.4, frame="yaw", voxel_size=voxel_size).grids[:2]
+        yield from [frame_row(a, b)] if name == "frames" else stray_rows(a, b)
+    elif name == "outdoors":
+        yield site_cloud_row(args.seed)
+    elif name == "valleys":
+        yield from valley_rows(args.seed, (1.0,) if args.quick else (0.5, 1.0, 2.0))
+    elif name == "boxes":
+        yield from box_rows(args.seed, voxel_size, temporary)
+    elif name == "site" and not args.quick:
+        yield site_row(args.seed, Site(), temporary)
+    elif name == "clouds":
+        folder = maps_folder(args.maps, is_wanted=not args.quick)
+        for case in folder_cases(folder, ["real"]) if folder else []:
+            pair = case.load()
+            if not pair.a.num_free:
+                yield cloud_row(case, pair)
 
 
 if __name__ == "__main__":

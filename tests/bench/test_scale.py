@@ -71,3 +71,12 @@ def test_two_buildings_stand_apart_where_the_pose_says():
     halves = points[:, 0] > points[:, 0].mean()
     assert 0.2 < halves.mean() < 0.8
     assert np.ptp(points[:, 0]) > 130
+
+
+def test_only_parts_that_are_asked_for_are_run(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(scale, "site_cloud_row", lambda seed: {"seed": seed})
+    out = tmp_path / "scale.json"
+    # The site is too large for a quick run.
+    assert scale.main(["--only", "outdoors", "site", "--quick", "--seed", "3", "--out", str(out)]) == 0
+    assert json.loads(out.read_text()) == {"outdoors": [{"seed": 3}]}
+    assert "\noutdoors\n\n| seed |\n" in capsys.readouterr().out
