@@ -73,7 +73,9 @@ def _classes(side: int) -> tuple[dict[str, Callable[[], object]], int]:
     for name in (_ONE, _TWO):
         found = gather_blocks(classes_in_shards(cut[name], _MIN_CHANGE), cut[name])
         np.testing.assert_array_equal(found.dense(), expected)
-    calls = {name: functools.partial(classes_in_shards, blocks, _MIN_CHANGE) for name, blocks in cut.items()}
+    calls: dict[str, Callable[[], object]] = {
+        name: functools.partial(classes_in_shards, blocks, _MIN_CHANGE) for name, blocks in cut.items()
+    }
     calls[_WHOLE] = functools.partial(window_classes, whole, _MIN_CHANGE, implementation="passes")
     return calls, int((np.asarray(cut[_ONE].places)[:, 0] >= 0).sum())
 
