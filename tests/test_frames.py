@@ -299,6 +299,11 @@ def test_an_origin_that_jax_has_rounded_is_refused(maps):
         vx.fuse([moved], [np.eye(4)])
     with pytest.raises(vx.InputError, match=sentence.format("b")):
         vx.register(maps[0], moved)
+    T = far_pose(maps[2])
+    with pytest.raises(vx.InputError, match=sentence.format("a")):
+        vx.refine(moved, far(maps[1]), T)
+    with pytest.raises(vx.InputError, match=sentence.format(r"grids\[0\]")):
+        vx.refine_joint([moved, far(maps[1])], [np.eye(4), T])
     # Near zero nothing is lost.
     near = jax.device_put(maps[0])
     assert vx.fuse([near], [np.eye(4)]) == vx.fuse([maps[0]], [np.eye(4)])

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Float32
 from ..._runtime.placement import is_traced
 from ..._types import Array
 from ...frames import from_local, to_local
-from ...grid import VoxelGrid
+from ...grid import VoxelGrid, check_grid
 from ...maps.prepared import PreparedMap
 
 
@@ -88,7 +88,13 @@ def local_frames(grids: Mapping[str, VoxelGrid | PreparedMap], *, is_wanted: boo
     Args:
         grids: The maps, by the names that errors call them; what is no map stays for those who say so.
         is_wanted: Whether poses are values, and nobody else's residuals are about the maps' own frames.
+
+    Raises:
+        InputError: If JAX has lost where a map lies.
     """
+    for name, grid in grids.items():
+        if isinstance(grid, VoxelGrid):
+            check_grid(name, grid)
     parts = [jax.tree.leaves(grid) for grid in grids.values() if isinstance(grid, VoxelGrid)]
     if not is_wanted or any(is_traced(part) for each in parts for part in each):
         return LocalFrames(dict(grids), [np.zeros(3)] * len(grids))
