@@ -40,12 +40,21 @@ def kept_kernels() -> Iterator[None]:
 
 @contextmanager
 def granted_memory(gigabytes: float | None) -> Iterator[None]:
-    """Let checks of memory take a number of gigabytes for what there is; None leaves that as it is."""
+    """Let checks of memory take a number of gigabytes for what there is; None leaves that as it is.
+
+    Raises:
+        InputError: As from within, but that it says what grants the memory: the variable is overridden.
+    """
     before = os.environ.get("VOXJAX_MEMORY")
     if gigabytes is not None:
         os.environ["VOXJAX_MEMORY"] = repr(gigabytes)
     try:
         yield
+    except InputError as error:
+        if gigabytes is None:
+            raise
+        granted = "--memory grants that much, give it more if the machine has more"
+        raise InputError(str(error).replace("VOXJAX_MEMORY=off skips this check", granted)) from error
     finally:
         if gigabytes is not None:
             os.environ.pop("VOXJAX_MEMORY")
