@@ -6,7 +6,9 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.errors import TracerArrayConversionError
 
+from .._checks import InputError
 from .._runtime.forks import refused_after_fork
 from .._runtime.placement import is_traced
 from .._types import Array
@@ -101,7 +103,13 @@ def refine(
     # The problem of the covariance, where it is another one, is of the same maps, points and ways as the one
     # that is solved.
     between = partial(pose_problem, target, other, num_points=num_points, both_ways=both_ways)
-    problem = between(residuals=kinds, loss=loss)
+    try:
+        problem = between(residuals=kinds, loss=loss)
+    except TracerArrayConversionError as error:
+        raise InputError(
+            "refine chooses voxels on the host, which jax.jit cannot trace; make a "
+            "voxjax.refinement.problems.pair.pose_problem before, and give it to solve_pose under jit."
+        ) from error
     # The covariance counts planes of weight 1, whatever is minimised: it must not depend on weights.
     planes = problem if kinds.get("planes") == 1.0 else between()
     # The caller's terms come on top of the maps' own, and only into what is minimised: the covariance does not

@@ -39,7 +39,7 @@ class LocalFrames(NamedTuple):
             start: From where each was found, in local frames.
             given: The same starts between the maps' own frames: what is still the start comes back as it was given.
         """
-        if is_traced(found):  # then it was found between the maps' own frames
+        if is_traced(found) or is_traced(start):  # then it was found between the maps' own frames
             return found
         own = from_local(np.asarray(found), *self.origins)
         is_start = (np.asarray(found) == np.asarray(start)).all(axis=(-2, -1), keepdims=True)
