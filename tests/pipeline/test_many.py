@@ -7,6 +7,7 @@ import pytest
 
 from fake_register import WORLD, FakeRegister, assert_is, cube_map, fake_features, relative
 from voxjax import InputError, VoxelGrid, merge
+from voxjax.fusion import rules
 from voxjax.pipeline import many
 
 
@@ -32,7 +33,7 @@ def test_all_poses_map_into_the_frame_of_the_first_map(monkeypatch, maps):
 
 def test_a_rule_that_is_not_known_is_refused_before_any_pair(monkeypatch, maps):
     fake = FakeRegister(maps, WORLD).install(monkeypatch)
-    monkeypatch.setattr(many, "RULES", ("keep", "log_odds"))  # annotations would refuse other names first
+    monkeypatch.setattr(rules, "RULES", ("keep", "log_odds"))  # annotations would refuse other names first
     with pytest.raises(InputError, match="rule"):
         merge(maps, rule="paper")
     assert not fake.calls
