@@ -37,7 +37,10 @@ def test_the_ground_lies_below_the_houses_and_the_air_above_it():
 def test_rows_have_a_verdict_and_errors_for_each_kind_of_map():
     rows = list(valley_rows(5, (1.0,), width=48))
     assert [row["free space"] for row in rows] == ["from the air", "none"]
+    # With the air between them known, the pose is trusted.
+    assert rows[0]["verdict"] == "accepted"
     for row in rows:
-        assert row["error [voxel]"] >= 0.0
-        assert row["verdict"] in ("accepted", "ambiguous", "no_overlap")
+        # Both poses are right: a wrong truth, or errors of another pose, would be tens of voxels.
+        assert row["error [voxel]"] < 2.0
+        assert row["error [deg]"] < 3.0
         assert row["seconds"] > 0.0
