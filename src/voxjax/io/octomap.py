@@ -209,10 +209,15 @@ def check_reach(grid: VoxelGrid) -> None:
     """
     first, end = grid.known_box()
     low = np.rint(np.asarray(grid.origin, np.float64) / grid.voxel_size).astype(np.int64) + NUM_KEYS // 2
-    if (low + first < 0).any() or (low + end > NUM_KEYS).any():
+    _check_keys(low + first, low + end)
+
+
+def _check_keys(first: np.ndarray, end: np.ndarray) -> None:
+    """Refuse keys that OctoMap does not have: the lowest of what is known, and one past the highest."""
+    if (first < 0).any() or (end > NUM_KEYS).any():
         raise InputError(
             f"OctoMap files reach {NUM_KEYS // 2} voxels from the frame's origin along each axis, and this "
-            f"grid lies farther out, from voxel {(low + first - NUM_KEYS // 2).tolist()}; move it or use .npz"
+            f"grid lies farther out, from voxel {(first - NUM_KEYS // 2).tolist()}; move it or use .npz"
         )
 
 
@@ -247,8 +252,9 @@ def _lowest_key(grid: VoxelGrid) -> np.ndarray | None:
             f"OctoMap files need an origin at whole multiples of the voxel size {grid.voxel_size:g} m, got "
             f"{np.asarray(grid.origin).tolist()}; resample it first with with_voxel_size (--voxel-size)"
         )
-    check_reach(grid)
-    return low + NUM_KEYS // 2
+    low += NUM_KEYS // 2
+    _check_keys(low + first, low + end)
+    return low
 
 
 def _check_log_odds(states: BlockArray, log_odds: BlockArray) -> None:

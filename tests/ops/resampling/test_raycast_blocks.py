@@ -28,7 +28,7 @@ def test_joined_boxes_free_what_one_box_does(seed, most):
     np.testing.assert_array_equal(found.dense(), expected)
 
 
-def test_groups_hold_each_ray_once_and_fit(monkeypatch):
+def test_groups_hold_each_ray_once_and_fit():
     rng = np.random.default_rng(1)
     begin = rng.integers(0, 50, (500, 3))
     end = begin + rng.integers(1, 6, (500, 3))
