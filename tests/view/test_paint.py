@@ -100,6 +100,10 @@ def test_a_ceiling_is_cut_and_an_open_terrain_is_not():
     terrain[:, :, 0] = terrain[15, 15, :] = True
     assert ceiling_cut(terrain) == 20
     assert ceiling_cut(np.zeros((3, 3, 3), bool)) == 3
+    # Of two houses on a hill the upper one is no ceiling of the lower one.
+    hill = np.zeros((2 * room.shape[0], room.shape[1], 60), bool)
+    hill[: room.shape[0], :, :20], hill[room.shape[0] :, :, 40:] = room, room
+    assert ceiling_cut(hill) == 60
 
 
 def test_a_map_from_above_is_painted_some_rows_at_a_time(monkeypatch):
