@@ -29,7 +29,7 @@ def ceiling_height(index: Int[np.ndarray, "n 3"], num_layers: int, *, share: flo
     """Height [voxel] above which a closed building is cut open; the number of layers if it has no ceiling.
 
     A map is closed when more than a third of its occupied columns hold something above `share` of its height, and
-    something below it.
+    something below half of that.
 
     Args:
         index: The occupied voxels, in lexicographic order.
@@ -43,8 +43,8 @@ def ceiling_height(index: Int[np.ndarray, "n 3"], num_layers: int, *, share: flo
     low, high = (int(filled[0]), int(filled[-1]) + 1) if filled.size else (0, num_layers)
     cut = low + max(round(share * (high - low)), 1)
     is_high = (index[:, 2] >= cut) & (index[:, 2] < high)
-    # A ceiling has something below it: a building that stands higher up than another is none.
-    is_below = index[:, 2] < cut
+    # A ceiling has a floor far below it: a building that stands higher up than another is none.
+    is_below = index[:, 2] < low + share / 2.0 * (high - low)
     high_and_low = _num_columns(index[is_high]) + _num_columns(index[is_below])
     num_covered = high_and_low - _num_columns(index[is_high | is_below])
     is_closed = num_covered > _num_columns(index) / 3
