@@ -122,6 +122,31 @@ def test_the_same_voxel_size_moves_a_grid_onto_the_lattice_by_half_a_voxel_at_mo
     assert np.abs(np.asarray(moved.origin) - np.asarray(grid.origin)).max() <= 0.1001
 
 
+@pytest.mark.parametrize("is_sparse", [False, True])
+def test_a_placed_map_has_the_same_voxels_at_other_places(is_sparse):
+    grid = make_grid(with_log_odds=True)
+    if is_sparse:
+        grid = VoxelGrid(grid.state_blocks(), grid.origin, grid.voxel_size, grid.log_odds_blocks())
+    shift = np.array([4.5e5, 5.4e6, -0.125])
+    placed = grid.placed(scale=0.5, shift=shift)
+    assert (placed.voxel_size, placed.is_sparse) == (0.1, is_sparse)
+    np.testing.assert_array_equal(placed.origin, np.asarray(grid.origin) * 0.5 + shift)
+    index = grid.occupied_index()
+    np.testing.assert_allclose(
+        placed.world_from_index(index), grid.world_from_index(index) * 0.5 + shift, rtol=1e-15
+    )
+    np.testing.assert_array_equal(placed.states, grid.states)
+    np.testing.assert_array_equal(placed.log_odds, grid.log_odds)
+    assert grid.placed() == grid
+    for options, words in (
+        ({"scale": -1.0}, "scale must be a finite number above 0"),
+        ({"shift": 1.0}, r"shift must have shape \(3,\)"),
+        ({"shift": [0, np.nan, 0]}, "origin must be finite"),
+    ):
+        with pytest.raises(InputError, match=words):
+            grid.placed(**options)  # pyright: ignore[reportArgumentType]
+
+
 def test_grids_are_equal_when_all_they_hold_is():
     grid = make_grid()
     assert grid == make_grid()

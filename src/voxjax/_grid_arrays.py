@@ -3,6 +3,7 @@
 What JAX traces is asked for its dtype alone: its values are not known yet.
 """
 
+import math
 from collections.abc import Iterator
 
 import jax
@@ -10,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from ._checks import LARGEST_LENGTH, InputError, shown
+from ._checks import LARGEST_LENGTH, InputError, check_three_axes, shown
 from ._types import OCCUPIED, Array
 
 
@@ -44,21 +45,27 @@ def as_float32(name: str, value: object) -> Array:
         return array if array.dtype == np.float32 else array.astype(np.float32)
 
 
-def as_origin(value: object) -> Array:
+def as_place(name: str, value: object) -> Array:
     """A place as float64 on the host, wherever it was: float32 loses it far from the origin of its frame.
 
     Under JAX's transformations it is what JAX makes of it.
 
     Raises:
-        InputError: If they are no numbers.
+        InputError: If they are not three numbers.
     """
-    array = _as_array("origin", value)
+    array = _as_array(name, value)
     if _is_placeholder(array) or isinstance(array, Tracer):
         return array
     host = np.asarray(array)
     if not jnp.issubdtype(host.dtype, jnp.floating) and host.dtype.kind not in "iu":
-        raise InputError(f"origin must be an array of numbers, got dtype {host.dtype}.")
+        raise InputError(f"{name} must be an array of numbers, got dtype {host.dtype}.")
+    _check_three(name, host)
     return host.astype(np.float64, copy=False)
+
+
+def _check_three(name: str, place: Array) -> None:
+    if place.shape != (3,):
+        raise InputError(f"{name} must have shape (3,), got {place.shape}.")
 
 
 def _as_array(name: str, value: object) -> Array:
@@ -84,6 +91,23 @@ def _host_parts(array: Array) -> Iterator[np.ndarray]:
     elif not isinstance(array, Tracer) and not _is_placeholder(array):
         # Replicas hold the same values: one of each part is enough.
         yield from (np.asarray(shard.data) for shard in array.addressable_shards if shard.replica_id == 0)
+
+
+def check_shapes(states: tuple[int, ...], origin: Array, log_odds: tuple[int, ...] | None) -> None:
+    """Refuse fields of a grid that do not fit together; of what JAX traces, its shape is all that is known.
+
+    Args:
+        states: Shape of the states.
+        origin: Place of the grid.
+        log_odds: Shape of the log-odds, None where there are none.
+
+    Raises:
+        InputError: If the states have not three axes, the origin not three numbers, or the log-odds another shape.
+    """
+    check_three_axes("states", states)
+    _check_three("origin", origin)
+    if log_odds is not None and log_odds != states:
+        raise InputError(f"log_odds must have the shape of states {states}, got {log_odds}.")
 
 
 def check_states(states: Array) -> None:
@@ -130,3 +154,28 @@ def check_log_odds(log_odds: Array) -> None:
                 "log_odds must be finite, got NaN or infinite ones; set those of unknown voxels to 0 and cut the "
                 "others to OctoMap's limits, -2 and 3.5."
             )
+
+
+def grid_text(
+    shape: tuple[int, ...],
+    voxel_size: float,
+    extent: tuple[np.ndarray, np.ndarray],
+    counts: dict[str, int] | None,
+) -> str:
+    """A grid in words for one line: its box, and the share of each state.
+
+    Args:
+        shape: Number of voxels along x, y, z.
+        voxel_size: Width of a voxel [m].
+        extent: Lowest and highest corner [m].
+        counts: How many voxels have a state, by its name; None where nobody has counted.
+    """
+    total = max(math.prod(shape), 1)
+    shares = "not counted yet"
+    if counts is not None:
+        shares = ", ".join(
+            f"{count:,} {name} ({100 * count / total:.1f} %)" for name, count in counts.items()
+        )
+    size = " x ".join(map(str, shape))
+    box = " ".join(f"{axis} {low:.2f}..{high:.2f}" for axis, low, high in zip("xyz", *extent, strict=True))
+    return f"{size} voxels of {voxel_size:g} m, {box} m, {shares}"

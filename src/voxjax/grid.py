@@ -17,17 +17,17 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Float, Int
 
+from . import _grid_arrays
 from ._checks import (
     InputError,
     check_count,
     check_list,
     check_pose,
-    check_three_axes,
+    check_positive,
     check_type,
     check_voxel_size,
     shown,
 )
-from ._grid_arrays import as_float32, as_origin, as_states, check_log_odds, check_origin, check_states
 from ._types import FREE, OCCUPIED, Array
 from .frames import STEPS_PER_VOXEL, check_near
 from .ops.blocks import kept
@@ -63,25 +63,20 @@ class VoxelGrid(eqx.Module):
 
         What JAX traces is checked for its shape alone: its values are not known yet.
         """
-        self._states = states if isinstance(states, Sparse) else as_states(states)
-        self.origin = as_origin(origin)
+        self._states = states if isinstance(states, Sparse) else _grid_arrays.as_states(states)
+        self.origin = _grid_arrays.as_place("origin", origin)
         self._log_odds = None
         if log_odds is not None:
             is_sparse = isinstance(log_odds, Sparse)
-            self._log_odds = log_odds if is_sparse else as_float32("log_odds", log_odds)
+            self._log_odds = log_odds if is_sparse else _grid_arrays.as_float32("log_odds", log_odds)
         self.voxel_size = check_voxel_size(voxel_size)
-        check_three_axes("states", self._states.shape)
-        if self.origin.shape != (3,):
-            raise InputError(f"origin must have shape (3,), got {self.origin.shape}.")
-        if self._log_odds is not None and self._log_odds.shape != self.shape:
-            raise InputError(
-                f"log_odds must have the shape of states {self.shape}, got {self._log_odds.shape}."
-            )
+        odds_shape = None if self._log_odds is None else self._log_odds.shape
+        _grid_arrays.check_shapes(self._states.shape, self.origin, odds_shape)
         # Values come after shapes: they take a pass over the whole map.
-        check_states(kept.checkable(self._states))
-        check_origin(self.origin, self.shape, self.voxel_size)
+        _grid_arrays.check_states(kept.checkable(self._states))
+        _grid_arrays.check_origin(self.origin, self.shape, self.voxel_size)
         if self._log_odds is not None:
-            check_log_odds(kept.checkable(self._log_odds))
+            _grid_arrays.check_log_odds(kept.checkable(self._log_odds))
 
     @classmethod
     def from_points(
@@ -277,6 +272,18 @@ class VoxelGrid(eqx.Module):
         # States and log-odds, which may be traced, are not looked at again.
         return eqx.tree_at(lambda grid: grid.origin, self, origin), place
 
+    def placed(self, *, scale: float = 1.0, shift: object = (0.0, 0.0, 0.0)) -> VoxelGrid:
+        """The same voxels at other places: all lengths times `scale`, and then moved by `shift` (3,) [m].
+
+        Nothing is resampled or copied. Of a map in millimetres, `scale=0.001` makes one in metres.
+
+        Raises:
+            InputError: If `scale` is not above 0, `shift` not three numbers, or the map would reach too far.
+        """
+        factor = check_positive("scale", scale)
+        origin = np.asarray(self.origin, np.float64) * factor + _grid_arrays.as_place("shift", shift)
+        return VoxelGrid(self._states, origin, self.voxel_size * factor, self._log_odds)
+
     def with_voxel_size(self, voxel_size: float) -> VoxelGrid:
         """Return this map at another resolution, on the lattice of multiples of `voxel_size`.
 
@@ -345,18 +352,11 @@ class VoxelGrid(eqx.Module):
         values = kept.checkable(self._states)
         if not isinstance(values, np.ndarray) and not hasattr(values, "__array__"):
             return f"VoxelGrid(states={values}, voxel_size={self.voxel_size})"
-        low, high = self.extent
-        total = max(self.num_voxels, 1)
-        shares = "not counted yet"  # a store is not read for a line of text
-        if not isinstance(self._states, ChunkedArray) or self._states.is_surveyed:
-            shares = ", ".join(
-                f"{count:,} {name} ({100 * count / total:.1f} %)"
-                for count, name in ((self.num_occupied, "occupied"), (self.num_free, "free"))
-            )
-        size = " x ".join(map(str, self.shape))
-        box = " ".join(f"{axis} {a:.2f}..{b:.2f}" for axis, a, b in zip("xyz", low, high, strict=True))
-        odds = ", with log-odds" if self._log_odds is not None else ""
-        return f"VoxelGrid({size} voxels of {self.voxel_size:g} m, {box} m, {shares}{odds})"
+        # A store is not read for a line of text.
+        is_counted = not isinstance(self._states, ChunkedArray) or self._states.is_surveyed
+        counts = {"occupied": self.num_occupied, "free": self.num_free} if is_counted else None
+        box = _grid_arrays.grid_text(self.shape, self.voxel_size, self.extent, counts)
+        return f"VoxelGrid({box}{', with log-odds' if self._log_odds is not None else ''})"
 
 
 def check_grid(name: str, value: object) -> None:

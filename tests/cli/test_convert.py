@@ -61,3 +61,21 @@ def test_a_map_beyond_the_limit_of_file_sizes_leaves_what_was_there(maps, capsys
     assert "m1.npz cannot be written: File too large" in one_line(capsys)
     assert Path("m1.npz").read_bytes() == before
     assert sorted(path.name for path in Path().iterdir()) == sorted(maps)
+
+
+def test_maps_are_scaled_and_moved(maps, capsys):
+    grid = read_map("m0.npz")
+    assert main(["convert", "m0.npz", "a.npz", "--scale", "0.001", "--shift", "450000.5,5.4e6,0.125"]) == 0
+    moved = read_map("a.npz")
+    assert moved.voxel_size == grid.voxel_size * 0.001
+    np.testing.assert_array_equal(moved.origin, np.asarray(grid.origin) * 0.001 + [450000.5, 5.4e6, 0.125])
+    np.testing.assert_array_equal(moved.states, grid.states)
+    capsys.readouterr()
+    # What a format cannot hold is said, with what helps.
+    assert main(["convert", "m0.npz", "a.bt", "--shift", "0.1,0,0"]) == 2
+    assert "origin at whole multiples of the voxel size 0.5 m" in one_line(capsys)
+    assert main(["convert", "m0.npz", "a.bt", "--shift", "0.1,0,0", "--voxel-size", "0.5"]) == 0
+    capsys.readouterr()
+    assert main(["convert", "m0.npz", "b.bt", "--shift=-5e5,0,0"]) == 2
+    assert "voxjax convert --shift" in capsys.readouterr().err
+    assert not Path("b.bt").exists()

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from .._checks import InputError
+from .memory_sizes import gigabytes_of
 
 GIGABYTE = 1e9
 
@@ -28,7 +29,7 @@ def available_memory(root: Path = Path("/")) -> int | None:
 def check_memory(need: float, what: str, advice: str, *, on_device: bool = True) -> None:
     """Raise if something needs more memory than there is.
 
-    The environment variable `VOXJAX_MEMORY` overrides what there is: a number of gigabytes, or "off" for no check.
+    The environment variable `VOXJAX_MEMORY` overrides what there is: a size such as 2G or 500M, or "off" for no check.
 
     Args:
         need: Memory that it takes beside what is taken already [byte].
@@ -54,7 +55,7 @@ def memory_limit(*, on_device: bool = True) -> float | None:
         on_device: Whether the work needs the device's memory as well as the host's.
 
     Raises:
-        InputError: If `VOXJAX_MEMORY` is no number of gigabytes above 0 and not "off".
+        InputError: If `VOXJAX_MEMORY` is no size and not "off".
     """
     chosen = chosen_memory()
     if chosen is not None:
@@ -69,7 +70,7 @@ def chosen_memory() -> float | None:
     """Memory that `VOXJAX_MEMORY` allows [byte], infinite if it is "off"; None if it is not set.
 
     Raises:
-        InputError: If it is no number of gigabytes above 0 and not "off".
+        InputError: If it is no size and not "off".
     """
     setting = os.environ.get("VOXJAX_MEMORY", "")
     if not setting:
@@ -89,12 +90,12 @@ def device_memory() -> int | None:
 
 
 def _gigabytes(setting: str) -> float:
-    try:
-        number = float(setting)
-    except ValueError:
-        number = math.nan
-    if not 0.0 < number < math.inf:
-        raise InputError(f"VOXJAX_MEMORY must be a number of gigabytes above 0, or off, got {setting!r}.")
+    number = gigabytes_of(setting)
+    if number is None:
+        raise InputError(
+            "VOXJAX_MEMORY must be a size such as 2G or 500M (a number alone counts gigabytes), or off, got "
+            f"{setting!r}."
+        )
     return number
 
 

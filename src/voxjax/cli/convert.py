@@ -3,8 +3,8 @@
 import argparse
 
 from .._runtime.whole_files import write_files
-from ..io import ENDINGS, encode_map
-from .maps import load_maps, warn_of_remarks
+from ..io import ENDINGS, encode_map, load_map
+from .maps import reading_options, warn_of_remarks
 from .outputs import check_outputs
 from .streams import tell
 
@@ -13,9 +13,9 @@ def run(args: argparse.Namespace) -> int:
     """Convert a map and return the exit code."""
     check_outputs([(args.output, ENDINGS)], force=args.force, inputs=[args.input])
     # The names were checked before: reading takes long, and a refusal afterwards would waste it.
-    maps = load_maps(args, [args.input])
-    warn_of_remarks(maps, [args.input])
-    grid = maps[0].grid
+    loaded = load_map(args.input, **reading_options(args), scale=args.scale, shift=args.shift)
+    warn_of_remarks([loaded], [args.input])
+    grid = loaded.grid
     write_files({args.output: encode_map(args.output, grid)}, force=args.force)
     tell(f"{args.output}: {grid!r}")
     return 0

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from .. import __version__
+from .._runtime.memory_sizes import gigabytes_of
 from .streams import warn
 
 EXIT_CODES = """exit codes:
@@ -37,7 +38,7 @@ class _Parser(argparse.ArgumentParser):
 
 def _hint(message: str, given: Sequence[str]) -> str:
     """What the user may have meant, to stand behind one of argparse's messages; often nothing."""
-    for option in ("--init-guess", "--crop"):
+    for option in ("--init-guess", "--crop", "--shift"):
         if message == f"argument {option}: expected one argument":
             return f"; write {option}=... where the first number is negative"
     last = given[-1] if given else ""
@@ -207,6 +208,21 @@ def _add_convert(commands) -> None:
     )
     command.add_argument("input", metavar="IN")
     command.add_argument("output", metavar="OUT")
+    command.add_argument(
+        "--scale",
+        type=positive_number,
+        default=1.0,
+        metavar="F",
+        help="multiply all positions and lengths by F: 0.001 for a map in millimetres, 0.3048 for one in feet. --crop "
+        "is in the frame of IN, --voxel-size belongs to OUT",
+    )
+    command.add_argument(
+        "--shift",
+        type=three_numbers,
+        default=(0.0, 0.0, 0.0),
+        metavar="X,Y,Z",
+        help="move the map by that much [m], after --scale; --shift=... where the first is negative",
+    )
     _add_reading(command)
     _add_force(command)
 
@@ -259,12 +275,11 @@ def positive_number(text: str) -> float:
 
 
 def memory_size(text: str) -> float:
-    """Gigabytes: a number with G or M behind it, or with neither."""
-    unit = {"G": 1.0, "M": 1e-3}.get(text[-1:].upper())
-    try:
-        return positive_number(text if unit is None else text[:-1]) * (unit or 1.0)
-    except argparse.ArgumentTypeError:
-        raise argparse.ArgumentTypeError(f"must be a size such as 2G or 500M, got {text!r}") from None
+    """Gigabytes, of a number with or without a unit."""
+    gigabytes = gigabytes_of(text)
+    if gigabytes is None:
+        raise argparse.ArgumentTypeError(f"must be a size such as 2G or 500M, got {text!r}")
+    return gigabytes
 
 
 def box(text: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -280,6 +295,17 @@ def box(text: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
             f"must be six numbers x0,y0,z0,x1,y1,z1 of which the first three lie below the last three, got {text!r}"
         )
     return numbers[:3], numbers[3:]
+
+
+def three_numbers(text: str) -> tuple[float, ...]:
+    """Three finite numbers with commas between them."""
+    try:
+        numbers = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != 3 or not all(math.isfinite(number) for number in numbers):
+        raise argparse.ArgumentTypeError(f"must be three numbers x,y,z, got {text!r}")
+    return numbers
 
 
 def process_count(text: str) -> int:

@@ -23,6 +23,7 @@ from .clouds import (
     usable_cloud,
 )
 from .crop import check_crop, crop_grid, nothing_within
+from .placement import Placement
 from .ply import decode_ply
 from .spacing import Spacing
 from .strays import piece_remarks
@@ -39,6 +40,8 @@ class ReadOptions(NamedTuple):
         sensor_origins: Where the points of a cloud were seen from [m]; None if that is not known.
         max_range: Longest ray [m].
         max_voxels: Largest box of voxels to make.
+        placement: What is done to all places before there are voxels of the size that was asked for, after the crop;
+            None for nothing.
         looks: Whether to look for all that may be wrong, beside what has to be said anyway.
     """
 
@@ -49,6 +52,7 @@ class ReadOptions(NamedTuple):
     sensor_origins: object
     max_range: float | None
     max_voxels: int | None
+    placement: Placement | None
     looks: bool
 
 
@@ -69,6 +73,10 @@ def cloud_map(data: bytes, options: ReadOptions) -> tuple[VoxelGrid, list[Remark
     if options.strict and ordered is not None:
         check_no_duplicates(ordered)
     voxel_size, spacing = _voxel_size(cloud, ordered, options)
+    if options.placement is not None:
+        # What single precision has lost was looked for among the numbers of the file.
+        cloud = options.placement.of_cloud(cloud)
+        options = options._replace(crop=options.placement.of_crop(options.crop))
     if options.voxel_size is None and spacing is not None:
         remarks.append(findings.estimate_remark(voxel_size, spacing.closing, spacing.lattice))
     reasons = []
@@ -89,15 +97,19 @@ def cloud_map(data: bytes, options: ReadOptions) -> tuple[VoxelGrid, list[Remark
 def _voxel_size(
     cloud: Cloud, ordered: OrderedPoints | None, options: ReadOptions
 ) -> tuple[float, Spacing | None]:
-    """The voxel size [m], and how far apart the points lie; None where nobody asks for that."""
+    """Of the map as it will lie: voxel size [m], and how far apart its points lie, None where nobody asks for that."""
+    placement = options.placement
     if options.voxel_size is not None:
         voxel_size = check_voxel_size(options.voxel_size)
-        check_precision(cloud.points, voxel_size, f"voxels of {voxel_size:g} m")
+        in_file = voxel_size if placement is None else voxel_size / placement.scale
+        check_precision(cloud.points, in_file, f"voxels of {in_file:g} m")
         if not options.looks or ordered is None:
             return voxel_size, None
-        return voxel_size, spacing_of(ordered, cloud.points.dtype)
+        spacing = spacing_of(ordered, cloud.points.dtype)
+        return voxel_size, spacing if placement is None else placement.of_spacing(spacing)
     assert ordered is not None
     spacing = chosen_spacing(ordered, cloud.points)
+    spacing = spacing if placement is None else placement.of_spacing(spacing)
     return spacing.voxel_size, spacing
 
 

@@ -150,7 +150,8 @@ def check_precision(points: Float[np.ndarray, "n 3"], length: float, what: str) 
     raise InputError(
         f"its {'xyz'[axis]} coordinates are {distance:,.0f} m from zero, where single precision knows places "
         f"{steps[axis]:g} m apart only, so that {len(points):,} points have {num_values:,} values: too "
-        f"coarse for {what}; export the cloud again with doubles, or subtract an offset before"
+        f"coarse for {what}; export the cloud again with doubles, or subtract an offset before it is "
+        "written (a shift of this file brings nothing back)"
     )
 
 

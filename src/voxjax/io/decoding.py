@@ -46,8 +46,7 @@ def decode_map(data: bytes, ending: str, options: ReadOptions) -> tuple[VoxelGri
         grid, remarks = _octree_map(data, ending, options)
     else:
         grid, remarks = _cut_as_asked(_DECODERS[ending](data, max_voxels=options.max_voxels), options)
-    # A file may put its map so far out that no number tells one voxel from the next.
-    check_places(np.stack(grid.extent), grid.voxel_size)
+    _check_place(grid)
     return grid, remarks
 
 
@@ -62,9 +61,9 @@ def decode_store(path: Path, options: ReadOptions) -> tuple[VoxelGrid, list[Rema
         InputError: As in `decode_map`.
     """
     _check_no_cloud(path.suffix, options)
-    grid = open_zarr(path, max_voxels=options.max_voxels)
-    check_places(np.stack(grid.extent), grid.voxel_size)
-    return _cut_as_asked(grid, options)
+    grid, remarks = _cut_as_asked(open_zarr(path, max_voxels=options.max_voxels), options)
+    _check_place(grid)
+    return grid, remarks
 
 
 def describe_tree(data: bytes, ending: str, options: ReadOptions) -> tuple[MapFacts, list[Remark]]:
@@ -100,14 +99,19 @@ def with_box_remarks(remarks: list[Remark], facts: MapFacts) -> tuple[Remark, ..
 def _octree_map(data: bytes, ending: str, options: ReadOptions) -> tuple[VoxelGrid, list[Remark]]:
     """The map of a file that holds a tree, whose leaves are cut before anything dense is made."""
     found: list[IsolatedPieces] = []
+    placement = options.placement
     grid = _DECODERS[ending](
         data,
-        voxel_size=options.voxel_size,
+        # Voxels of the size that was asked for belong to the map where it will lie.
+        voxel_size=options.voxel_size if placement is None else None,
         crop=options.crop,
         drop_isolated=options.drop_isolated,
         note=found.append if options.looks else None,
         max_voxels=options.max_voxels,
     )
+    if placement is not None:
+        grid, found = placement.of_grid(grid), [placement.of_pieces(pieces) for pieces in found]
+        grid = grid if options.voxel_size is None else grid.with_voxel_size(options.voxel_size)
     return grid, _piece_remarks(found, options)
 
 
@@ -132,6 +136,13 @@ def _cut_as_asked(grid: VoxelGrid, options: ReadOptions) -> tuple[VoxelGrid, lis
     """A map that holds all voxels, cut and brought to the voxel size that was asked for, and what was seen."""
     remarks = []
     grid = grid if options.crop is None else crop_grid(grid, options.crop)
+    grid = grid if options.placement is None else options.placement.of_grid(grid)
     if options.looks or options.drop_isolated:
         grid, remarks = without_strays(grid, is_dropped=options.drop_isolated)
     return grid if options.voxel_size is None else grid.with_voxel_size(options.voxel_size), remarks
+
+
+def _check_place(grid: VoxelGrid) -> None:
+    """Refuse a map so far out that no number tells one voxel from the next, as its file or a shift may put it."""
+    advice = "choose an origin near the map (shift=, voxjax convert --shift)"
+    check_places(np.stack(grid.extent), grid.voxel_size, advice=advice)

@@ -17,6 +17,7 @@ from .files import read_bytes
 from .map_facts import MapFacts, facts_of_grid
 from .npz import encode_npz
 from .octomap import check_reach, encode_bt, encode_ot
+from .placement import check_placement
 from .ply import encode_ply
 from .zarr_chunks import StoreError
 from .zarr_writing import encode_zarr
@@ -64,6 +65,8 @@ def read_map(
     sensor_origins: object = None,
     max_range: float | None = None,
     max_voxels: int | None = None,
+    scale: float = 1.0,
+    shift: object = (0.0, 0.0, 0.0),
 ) -> VoxelGrid:
     """Read a map.
 
@@ -85,6 +88,10 @@ def read_map(
         max_voxels: Largest box of voxels to make from a file; None for any box whose known voxels fit the memory that a
             file of its size can need. In either case no more than fits the memory, which the environment variable
             `VOXJAX_MEMORY` overrides [GB].
+        scale: All positions and lengths of the file are multiplied by it, those of sensors too: 0.001 for a map in
+            millimetres. `crop` is in the frame of the file.
+        shift: The map is moved by that afterwards (3,) [m]; both are exact to float64, and nothing is resampled but to
+            a `voxel_size` that was asked for, which is that of the result.
 
     Returns:
         The map; `.ot` keeps log-odds. From `.bt` and `.ot`: the bounding box of what is known. From `.zarr`: a map that
@@ -95,7 +102,15 @@ def read_map(
             lost because its coordinates, far from zero, are of single precision.
     """
     options = ReadOptions(
-        voxel_size, crop, drop_isolated, strict, sensor_origins, max_range, max_voxels, looks=False
+        voxel_size,
+        crop,
+        drop_isolated,
+        strict,
+        sensor_origins,
+        max_range,
+        max_voxels,
+        check_placement(scale, shift),
+        looks=False,
     )
     path = _as_path(path)
     grid, remarks = _load(path, options)
@@ -115,6 +130,8 @@ def load_map(
     sensor_origins: object = None,
     max_range: float | None = None,
     max_voxels: int | None = None,
+    scale: float = 1.0,
+    shift: object = (0.0, 0.0, 0.0),
 ) -> LoadedMap:
     """Read a map as `read_map` does, and look for what a person should know about it.
 
@@ -127,6 +144,8 @@ def load_map(
         sensor_origins: For clouds: where the points were seen from [m].
         max_range: For clouds: longest ray [m].
         max_voxels: Largest box of voxels to make from a file.
+        scale: Factor of all positions and lengths.
+        shift: What the map is moved by afterwards [m].
 
     Returns:
         The map and the remarks; what is left out is among these, and no warning is given.
@@ -135,7 +154,15 @@ def load_map(
         InputError: As in `read_map`.
     """
     options = ReadOptions(
-        voxel_size, crop, drop_isolated, strict, sensor_origins, max_range, max_voxels, looks=True
+        voxel_size,
+        crop,
+        drop_isolated,
+        strict,
+        sensor_origins,
+        max_range,
+        max_voxels,
+        check_placement(scale, shift),
+        looks=True,
     )
     grid, remarks = _load(_as_path(path), options)
     return LoadedMap(grid, with_box_remarks(remarks, facts_of_grid(grid)))
@@ -163,7 +190,7 @@ def describe_map(
     """
     path = _as_path(path)
     ending = _ending(path)
-    options = ReadOptions(voxel_size, crop, drop_isolated, strict, None, None, None, looks=True)
+    options = ReadOptions(voxel_size, crop, drop_isolated, strict, None, None, None, None, looks=True)
     if ending not in TREE_ENDINGS or voxel_size is not None:
         grid, remarks = _load(path, options)
         facts = facts_of_grid(grid)

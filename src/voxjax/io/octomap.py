@@ -217,7 +217,8 @@ def _check_keys(first: np.ndarray, end: np.ndarray) -> None:
     if (first < 0).any() or (end > NUM_KEYS).any():
         raise InputError(
             f"OctoMap files reach {NUM_KEYS // 2} voxels from the frame's origin along each axis, and this "
-            f"grid lies farther out, from voxel {(first - NUM_KEYS // 2).tolist()}; move it or use .npz"
+            f"grid lies farther out, from voxel {(first - NUM_KEYS // 2).tolist()}; move it (VoxelGrid.placed, "
+            "voxjax convert --shift) or use .npz"
         )
 
 

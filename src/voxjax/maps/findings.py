@@ -118,7 +118,7 @@ def faces_remark(points: Real[np.ndarray, "n 3"], voxel_size: float) -> Remark |
     return Remark(
         "on_faces",
         f"{100 * share:.0f} % of the points lie on faces between voxels of {voxel_size:g} m, where rounding decides "
-        "the voxel; shift the points by half a voxel, or choose another voxel size",
+        "the voxel; shift the points by half a voxel (shift=, voxjax convert --shift), or choose another voxel size",
         {"share": share, "by_chance": chance, "voxel_size": voxel_size},
     )
 
@@ -151,7 +151,8 @@ def _unit(unit: str, factor: float, words: str, spacing: float, smallest: float)
     measured = {"spacing_m": spacing} if math.isfinite(spacing) else {}
     return Remark(
         "units",
-        f"{words} hints at {unit}; if so, multiply all coordinates by {factor:g}",
+        f"{words} hints at {unit}; if so, multiply all coordinates by {factor:g} (scale={factor:g}, voxjax convert "
+        f"--scale {factor:g})",
         {"factor": factor, "smallest_side_m": smallest, **measured},
     )
 
