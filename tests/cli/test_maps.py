@@ -9,7 +9,7 @@ import pytest
 from clouds import room_points, write_cloud
 from command_line import fake_register, one_line
 from fake_register import cube_map
-from voxjax import VoxelGrid, read_map
+from voxjax import VoxelGrid, read_map, write_map
 from voxjax.cli.main import main
 
 ROOM = room_points(0.1)
@@ -70,6 +70,34 @@ def test_what_is_cut_and_refused_is_what_was_asked_for(cloud, capsys):
     assert read_map("o.npz") == VoxelGrid.from_points(ROOM[is_inside], voxel_size=0.2)
     assert main(["corners", cloud, "-o", "c.csv", "--crop=-4,-4,-4,4,4,4", "--voxel-size", "0.5"]) == 0
     assert Path("c.csv").exists()
+
+
+@pytest.mark.parametrize("command", [["merge", "-o", "o.npz", "-q"], ["info"], ["render", "-o", "p.png"]])
+def test_one_box_for_maps_in_several_frames_is_said_where_it_leaves_nothing_of_one(maps, capsys, command):
+    grid = cube_map(1)
+    write_map("utm.npz", grid.placed(shift=(450_000.25, 5_400_000.0, 0.0)))
+    assert main([*command, "m0.npz", "utm.npz", "--crop", "0,0,0,2,2,2"]) == 2
+    said = one_line(capsys)
+    assert (
+        "utm.npz cannot be read: the map knows nothing in the crop from (0, 0, 0) to (2, 2, 2) m; it" in said
+    )
+    assert (
+        "it spans (450000.25, 5400000, 0) to (450003.25, 5400003, 3) m; --crop is one box for all maps"
+        in said
+    )
+    assert said.endswith("cut single maps before, with voxjax convert --crop.")
+    assert main(["convert", "utm.npz", "o.npz", "--crop", "0,0,0,2,2,2"]) == 2
+    assert "one box for all" not in one_line(capsys)
+
+
+def test_a_box_without_a_surface_is_named(maps, capsys):
+    states = np.asarray(cube_map(0).states).copy()
+    states[:4] = 1
+    write_map("free.npz", VoxelGrid(states, np.zeros(3), 0.5))
+    assert main(["merge", "m0.npz", "free.npz", "-o", "o.npz", "-q", "--crop", "0,0,0,2,2,2"]) == 2
+    assert "free.npz has no occupied voxel in the box of --crop, which is one for all maps" in one_line(
+        capsys
+    )
 
 
 def test_merge_says_it_of_each_map_and_keeps_it_in_the_report(monkeypatch, maps, capsys):

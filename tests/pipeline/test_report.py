@@ -46,6 +46,7 @@ def test_the_report_has_the_agreed_keys(monkeypatch):
     assert found["seconds"]["read"] == 0.25
     assert found["maps"][1]["num_corners"] == 6
     assert found["pairs"][0]["seconds"] == {"features": 0.5}
+    assert "corners" not in found["seconds"]  # of which the pair knows how many there are
     np.testing.assert_allclose(found["maps"][1]["T_world_map"], pose(0.2, (1.0, 2.0, 0.0)), atol=1e-5)
 
 
@@ -71,5 +72,9 @@ def test_corners_that_no_pair_needed_are_counted_for_the_report():
     maps = [small_worlds.draw_map(), small_worlds.draw_map(small_worlds.pose(yaw=30.0))]
     merged = merge(maps)
     assert merged.pairs[0][2].stats["num_rounds"] == 1
-    counts = [entry["num_corners"] for entry in report.merge_report(merged, maps, ["a.bt", "b.bt"])["maps"]]
-    assert min(counts) > 10
+    heard = []
+    found = report.merge_report(merged, maps, ["a.bt", "b.bt"], on_stage=heard.append)
+    assert min(entry["num_corners"] for entry in found["maps"]) > 10
+    assert heard == ["corners of the maps for the report"]
+    assert found["seconds"]["corners"] > 0.0
+    assert found["seconds"]["total"] == merged.seconds["total"]

@@ -45,9 +45,10 @@ def run(args: argparse.Namespace) -> int:
     # log-odds), so that `voxjax merge` of the files gives the same map.
     grids = [decode_bt(data) for data in files.values()]
     merged = merge(grids, on_stage=progress)
+    report = merge_report(merged, grids, [str(folder / name) for name in names], on_stage=progress)
     progress("draw and write")
     # All files are written at once, after the merge: an interrupted demo leaves none behind.
-    contents = files | _results(folder, names, grids, merged)
+    contents = files | _results(folder, names, grids, merged, json_bytes(report))
     write_files(contents, force=args.force)
     progress.finish()
     for line in summary(merged, names):
@@ -65,11 +66,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _results(
-    folder: Path, names: Sequence[str], grids: Sequence[VoxelGrid], merged: Merge
+    folder: Path, names: Sequence[str], grids: Sequence[VoxelGrid], merged: Merge, report: bytes
 ) -> dict[str, bytes]:
     """The bytes of what came out of the merge: without a fused map, the report alone."""
-    paths = [str(folder / name) for name in names]
-    contents = {str(folder / "report.json"): json_bytes(merge_report(merged, grids, paths))}
+    contents = {str(folder / "report.json"): report}
     if merged.grid is not None:
         fused = str(folder / "fused.bt")
         contents[fused] = encode_bt(merged.grid)

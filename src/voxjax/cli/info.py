@@ -4,14 +4,15 @@ import argparse
 import json
 
 from ..io import DescribedMap, describe_map
-from .maps import reading_options
+from .maps import one_box_for_all, reading_options
 from .streams import tell
 
 
 def run(args: argparse.Namespace) -> int:
     """Print what each map holds and return the exit code."""
     # All maps are read before the first word: half an answer would look like a whole one.
-    facts = [(path, described_facts(describe_map(path, **reading_options(args)))) for path in args.maps]
+    with one_box_for_all(args.maps):
+        facts = [(path, described_facts(describe_map(path, **reading_options(args)))) for path in args.maps]
     if args.json:
         print(json.dumps([{"path": path, **entry} for path, entry in facts], indent=1, allow_nan=False))
         return 0

@@ -1,9 +1,12 @@
 """The maps that a command works on, read as its arguments say, and what is odd about them."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
+from .._checks import InputError
 from ..io import LoadedMap, load_map
+from ..io.crop import EmptyCrop
 from .streams import warn
 
 
@@ -13,7 +16,26 @@ def load_maps(args: argparse.Namespace, paths: Sequence[str]) -> list[LoadedMap]
     Raises:
         InputError: If one of them cannot be read or used.
     """
-    return [load_map(path, **reading_options(args)) for path in paths]
+    with one_box_for_all(paths):
+        return [load_map(path, **reading_options(args)) for path in paths]
+
+
+@contextmanager
+def one_box_for_all(paths: Sequence[str]) -> Iterator[None]:
+    """Let the refusal of a crop that leaves nothing of one of several maps say that there is one box for all.
+
+    Raises:
+        InputError: As from within.
+    """
+    try:
+        yield
+    except EmptyCrop as error:
+        if len(paths) < 2:
+            raise
+        raise InputError(
+            f"{str(error).removesuffix('.')}; --crop is one box for all maps, of which each lies in a frame of its "
+            "own: cut single maps before, with voxjax convert --crop."
+        ) from error
 
 
 def reading_options(args: argparse.Namespace) -> dict:

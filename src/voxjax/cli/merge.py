@@ -12,6 +12,7 @@ import numpy as np
 from .._checks import InputError
 from .._runtime.whole_files import Content, write_files
 from .._runtime.whole_folders import Folder, temporary_beside
+from ..grid import VoxelGrid
 from ..io import ENDINGS, LoadedMap, check_place, encode_map, read_map
 from ..io.zarr_chunks import MARKER
 from ..pipeline.config import Config
@@ -51,7 +52,9 @@ def _run(args: argparse.Namespace, temporaries: contextlib.ExitStack) -> int:
     # Said here, where the file can be named; the registration would only find no overlap.
     for path, grid in zip(args.maps, grids, strict=True):
         if grid.num_occupied == 0:
-            raise InputError(f"{path} has no occupied voxel, so there is nothing to align; leave it out.")
+            raise InputError(
+                f"{path} has no occupied voxel{_where(args)}, so there is nothing to align; leave it out."
+            )
     # The fused map lies where the first map does, in its frame.
     check_place(args.output, grids[0])
     is_store = Path(args.output).suffix.lower() == ".zarr"
@@ -69,9 +72,11 @@ def _run(args: argparse.Namespace, temporaries: contextlib.ExitStack) -> int:
     )
     # A part of the maps is written only on request: a map that lacks a robot's part looks like a whole one.
     is_written = merged.status == "merged" or (merged.status == "partial" and args.allow_partial)
+    # Before its times are written down, the report takes time of its own.
+    report = None if args.report is None else _report(args, maps, merged, progress)
     progress("write")
     # All contents exist before the first file does: a fault while drawing leaves nothing behind.
-    contents = _contents(args, maps, merged, progress, is_written=is_written)
+    contents = _contents(args, grids, merged, report, is_written=is_written)
     if store is not None and args.output in contents:
         contents[args.output] = Folder(partial(os.rename, store), MARKER)
     write_files(contents, force=args.force)
@@ -83,6 +88,15 @@ def _run(args: argparse.Namespace, temporaries: contextlib.ExitStack) -> int:
         return 0
     warn(f"no map written: {refusal(merged, args.maps)}{_hint(merged, has_report=args.report is not None)}.")
     return 3
+
+
+def _where(args: argparse.Namespace) -> str:
+    """Where a map has been looked at, if not everywhere."""
+    return (
+        ""
+        if args.crop is None
+        else " in the box of --crop, which is one for all maps, in each one's own frame"
+    )
 
 
 def _described(args: argparse.Namespace, merged: Merge) -> str:
@@ -187,16 +201,29 @@ def _check(args: argparse.Namespace) -> None:
         check_page_support()
 
 
+def _report(args: argparse.Namespace, maps: Sequence[LoadedMap], merged: Merge, progress: Progress) -> bytes:
+    """The report as JSON; corners that the registration did without are found for it, as a stage of their own."""
+    found = merge_report(
+        merged,
+        [loaded.grid for loaded in maps],
+        args.maps,
+        remarks=[loaded.remarks for loaded in maps],
+        seconds={"read": progress.seconds.get("read", 0.0)},
+        on_stage=progress,
+    )
+    return json_bytes(found)
+
+
 def _contents(
     args: argparse.Namespace,
-    maps: Sequence[LoadedMap],
+    grids: Sequence[VoxelGrid],
     merged: Merge,
-    progress: Progress,
+    report: bytes | None,
     *,
     is_written: bool,
 ) -> dict[str, Content]:
     """What all files to write hold: without a map to trust, the report alone."""
-    contents, grids = {}, [loaded.grid for loaded in maps]
+    contents = {}
     names = [Path(path).name for path in args.maps]
     if is_written and merged.grid is not None:
         contents[args.output] = encode_map(args.output, merged.grid)
@@ -204,13 +231,6 @@ def _contents(
             contents[args.picture] = encode_png(draw_merge(grids, merged.poses, merged.grid, names=names))
         if args.html is not None:
             contents[args.html] = page_html(grids, merged.poses, merged.grid).encode()
-    if args.report is not None:
-        report = merge_report(
-            merged,
-            grids,
-            args.maps,
-            remarks=[loaded.remarks for loaded in maps],
-            seconds={"read": progress.seconds.get("read", 0.0)},
-        )
-        contents[args.report] = json_bytes(report)
+    if report is not None:
+        contents[args.report] = report
     return contents

@@ -115,7 +115,8 @@ def _add_reading(command: argparse.ArgumentParser) -> None:
         "--crop",
         type=box,
         metavar="X0,Y0,Z0,X1,Y1,Z1",
-        help="keep what lies in this box [m] of each map's own frame; --crop=... where the first is negative",
+        help="keep what lies in this box [m] of each map's own frame, one box for all maps that are given: cut single "
+        "maps before, with convert --crop; --crop=... where the first is negative",
     )
     command.add_argument(
         "--drop-isolated",

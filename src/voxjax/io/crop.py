@@ -6,6 +6,10 @@ from .._checks import InputError, shown
 from ..grid import VoxelGrid
 
 
+class EmptyCrop(InputError):
+    """A box in which a map knows nothing."""
+
+
 def check_crop(crop: object) -> tuple[np.ndarray, np.ndarray]:
     """Corners of a box, float64 (3,) each [m]; infinite ones leave a side open.
 
@@ -71,14 +75,15 @@ def crop_grid(grid: VoxelGrid, crop: object) -> VoxelGrid:
     return part.cut(low, high)
 
 
-def nothing_within(crop: tuple[np.ndarray, np.ndarray], extent: tuple[np.ndarray, np.ndarray]) -> InputError:
+def nothing_within(crop: tuple[np.ndarray, np.ndarray], extent: tuple[np.ndarray, np.ndarray]) -> EmptyCrop:
     """The sentence for a box in which a map knows nothing.
 
     Args:
         crop: Low and high corner of the box [m].
         extent: Low and high corner of the map [m].
     """
-    texts = ["(" + ", ".join(f"{value:g}" for value in corner) + ")" for corner in (*crop, *extent)]
-    return InputError(
+    # Coordinates of a national grid have seven digits before the point.
+    texts = ["(" + ", ".join(f"{value:.10g}" for value in corner) + ")" for corner in (*crop, *extent)]
+    return EmptyCrop(
         f"the map knows nothing in the crop from {texts[0]} to {texts[1]} m; it spans {texts[2]} to {texts[3]} m."
     )

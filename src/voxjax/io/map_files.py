@@ -11,7 +11,7 @@ from .._checks import InputError, check_count, shown
 from .._runtime.whole_files import Content, write_files
 from ..grid import VoxelGrid, check_grid
 from ..maps.findings import Remark
-from .crop import check_crop
+from .crop import EmptyCrop, check_crop
 from .decoding import TREE_ENDINGS, ReadOptions, decode_map, decode_store, describe_tree, with_box_remarks
 from .files import read_bytes
 from .map_facts import MapFacts, facts_of_grid
@@ -221,7 +221,8 @@ def _naming(path: Path) -> Iterator[None]:
     except StoreError:  # which names it
         raise
     except InputError as error:
-        raise InputError(f"{path} cannot be read: {str(error).removesuffix('.')}.") from error
+        kind = EmptyCrop if isinstance(error, EmptyCrop) else InputError
+        raise kind(f"{path} cannot be read: {str(error).removesuffix('.')}.") from error
     except MemoryError as error:  # a limit that the system does not tell: of a shell, of a batch job
         raise InputError(f"{path} cannot be read: this process may not take the memory for it.") from error
 

@@ -13,6 +13,7 @@ from ..grid import VoxelGrid
 from ..maps.findings import Remark
 from ..registration.types import Registration
 from .merged import Merge
+from .stage_times import OnStage, Stages
 
 
 def merge_report(
@@ -22,6 +23,7 @@ def merge_report(
     *,
     remarks: Sequence[Sequence[Remark]] | None = None,
     seconds: dict[str, float] | None = None,
+    on_stage: OnStage | None = None,
 ) -> dict[str, Any]:
     """Describe a merge.
 
@@ -31,12 +33,16 @@ def merge_report(
         paths: File that each map came from.
         remarks: What was said of each map when it was read; None for nothing.
         seconds: More stages to list beside those of the merge, such as reading {stage: s}.
+        on_stage: Called with the name of a stage where corners have yet to be found for the report, which takes as
+            long as a stage of the registration; None where nobody listens.
 
     Returns:
         Keys "status", "voxjax", "device", "voxel_size", "maps", "pairs", "seconds", and besides them "reason"
-        and "loops". Numbers that are not finite become None.
+        and "loops". Among the seconds, beside the "total" of the merge, are those of "corners" where some had yet to
+        be found. Numbers that are not finite become None.
     """
-    corners = _corner_counts(merged, grids)
+    stages = Stages(on_stage)
+    corners = _corner_counts(merged, grids, stages)
     remarks = [()] * len(grids) if remarks is None else remarks
     report = {
         "status": merged.status,
@@ -65,7 +71,7 @@ def merge_report(
             {"a": loop.a, "b": loop.b, "metres": loop.metres, "degrees": math.degrees(loop.radians)}
             for loop in merged.loops
         ],
-        "seconds": {**(seconds or {}), **merged.seconds},
+        "seconds": {**(seconds or {}), **merged.seconds, **stages.seconds},
     }
     return finite(report)
 
@@ -120,7 +126,7 @@ def _pair_report(a: int, b: int, registration: Registration) -> dict[str, Any]:
     }
 
 
-def _corner_counts(merged: Merge, grids: Sequence[VoxelGrid]) -> list[int]:
+def _corner_counts(merged: Merge, grids: Sequence[VoxelGrid], stages: Stages) -> list[int]:
     """Corners of each map, from the pairs it took part in; counted now where no pair needed them."""
     counts: list[int | None] = [None if grid.num_occupied else 0 for grid in grids]
     for a, b, registration in merged.pairs:
@@ -128,12 +134,16 @@ def _corner_counts(merged: Merge, grids: Sequence[VoxelGrid]) -> list[int]:
         # all agree.
         counts[a] = registration.stats.get("num_corners_a", counts[a])
         counts[b] = registration.stats.get("num_corners_b", counts[b])
-    # What no pair needed is found side by side: it takes as long as a stage of the registration.
+    # What no pair needed is found side by side: it takes as long as a stage of the registration, and is one.
     unknown = [n for n, count in enumerate(counts) if count is None]
+    if not any(merged.late[number] is not None for number in unknown):
+        return [count or 0 for count in counts]
 
     def found(number: int) -> int:
         late = merged.late[number]
         return 0 if late is None else late.corners.num_listed
 
-    known = dict(zip(unknown, spread(found, unknown), strict=True))
+    stages.announce("corners of the maps for the report")
+    with stages.measure("corners"):
+        known = dict(zip(unknown, spread(found, unknown), strict=True))
     return [known.get(number, count or 0) for number, count in enumerate(counts)]
