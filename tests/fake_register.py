@@ -54,7 +54,8 @@ def pose(angle, translation):
 
 def fake_features(grid, *, voxel_size, config):
     """Features that know their map alone."""
-    return SimpleNamespace(grid=grid, searched=SimpleNamespace(late=None))
+    middle = np.mean(grid.extent, axis=0)
+    return SimpleNamespace(grid=grid, origin=middle, searched=SimpleNamespace(late=None))
 
 
 WORLD = [pose(0.3 * n, (2.0 * n, -n, 0.5 * n)) for n in range(5)]

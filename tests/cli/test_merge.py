@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from command_line import WORLD, fake_register, files, one_line
-from fake_register import cube_map, pose
+from fake_register import FakeRegister, cube_map, pose
 from file_limits import largest_file
 from voxjax import VoxelGrid, read_map, write_map
 from voxjax._runtime.whole_files import write_files
 from voxjax.cli.main import main
+from voxjax.frames import from_local
 from voxjax.view import page
 
 
@@ -53,6 +54,22 @@ def test_a_file_that_does_not_reach_so_far_is_refused_before_the_work(monkeypatc
         )
     assert fake.calls == []
     assert files() == ["m0.npz", "m1.npz"]
+
+
+def test_poses_of_far_maps_are_told_by_the_way_of_their_middle(monkeypatch, folder, capsys):
+    shift = np.array([4e5, 5e6, 0.0])
+    far = [cube_map(n).placed(shift=shift) for n in range(2)]
+    for number, grid in enumerate(far):
+        write_map(f"m{number}.npz", grid)
+    # A turn of 30 degrees about the middle of the second map, (1.5, 1.5, 1.5) m from its corner.
+    T = from_local(pose(np.pi / 6, (0.25, 0.0, 0.0)), shift + 1.5, shift + 1.5)
+    FakeRegister(far, [np.eye(4), T]).install(monkeypatch)
+    assert main(["merge", "m0.npz", "m1.npz", "-o", "out.npz", "-q"]) == 0
+    line = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("m1.npz: "))
+    # The stand-in keeps poses in float32, which is half a metre off at these coordinates.
+    assert line.startswith("m1.npz: its middle (400001.5, 5000001.5, 1.5) moves by x ")
+    assert line.endswith("; roll 0.00, pitch 0.00, yaw 30.00 deg")
+    assert len(line) < 130
 
 
 def test_stores_are_merged_into_a_store_that_appears_with_the_other_files(monkeypatch, maps, capsys):

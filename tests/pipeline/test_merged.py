@@ -15,6 +15,7 @@ def merge_of(status, poses, pairs=()):
         loops=(),
         seconds={},
         late=(None,) * len(poses),
+        middles=(np.zeros(3),) * len(poses),
     )
 
 

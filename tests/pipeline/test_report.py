@@ -24,6 +24,9 @@ PAIR_KEYS = {
     "occupied_agreement",
     "free_conflict",
     "hypotheses",
+    "roll_pitch_yaw_degrees",
+    "middle_b",
+    "middle_shift",
     "seconds",
 }
 
@@ -46,6 +49,13 @@ def test_the_report_has_the_agreed_keys(monkeypatch):
     assert found["seconds"]["read"] == 0.25
     assert found["maps"][1]["num_corners"] == 6
     assert found["pairs"][0]["seconds"] == {"features": 0.5}
+    np.testing.assert_allclose(
+        found["pairs"][0]["roll_pitch_yaw_degrees"], [0, 0, np.degrees(0.2)], atol=1e-5
+    )
+    middle = np.asarray(found["pairs"][0]["middle_b"])
+    np.testing.assert_allclose(middle, np.mean(cube_map(1).extent, axis=0))
+    moved = pose(0.2, (1.0, 2.0, 0.0)) @ [*middle, 1.0]
+    np.testing.assert_allclose(found["pairs"][0]["middle_shift"], moved[:3] - middle, atol=1e-5)
     assert "corners" not in found["seconds"]  # of which the pair knows how many there are
     np.testing.assert_allclose(found["maps"][1]["T_world_map"], pose(0.2, (1.0, 2.0, 0.0)), atol=1e-5)
 

@@ -18,6 +18,7 @@ from ..io.zarr_chunks import MARKER
 from ..pipeline.config import Config
 from ..pipeline.many import merge
 from ..pipeline.merged import Merge
+from ..pipeline.readable_poses import describe_pose
 from ..pipeline.report import merge_report
 from ..view import check_page_support, draw_merge, encode_png, page_html
 from .guess import parse_guess
@@ -112,9 +113,11 @@ def _described(args: argparse.Namespace, merged: Merge) -> str:
 def summary(merged: Merge, names: Sequence[str]) -> list[str]:
     """Lines for a person: where each map lies, and how the pairs came out."""
     lines = []
-    for name, pose in zip(names, merged.poses, strict=True):
-        number = len(lines)
-        lines.append(f"{name}: {_why_unplaced(merged, number) if pose is None else describe_pose(pose)}")
+    for number, (name, pose) in enumerate(zip(names, merged.poses, strict=True)):
+        if pose is None or merged.grid is None:
+            lines.append(f"{name}: {_why_unplaced(merged, number)}")
+        else:
+            lines.append(f"{name}: {describe_pose(pose, merged.middles[number], merged.grid.voxel_size)}")
     for a, b, registration in merged.pairs:
         lines.append(
             f"{names[a]} and {names[b]}: {registration.verdict}, confidence {registration.confidence:.2f}. "
@@ -162,20 +165,6 @@ def _why_unplaced(merged: Merge, number: int) -> str:
     if "accepted" in verdicts:
         return "not placed (accepted with maps that are themselves apart from the merged ones)"
     return f"not placed ({'ambiguous' if 'ambiguous' in verdicts else 'no_overlap'})"
-
-
-def describe_pose(pose: np.ndarray) -> str:
-    """A pose as translation [m] and roll, pitch, yaw [deg] (rotations about fixed x, then y, then z)."""
-    # Near 90 degrees an arcsine of R[2, 0] would lose digits, which the arc tangent keeps.
-    R = np.asarray(pose, np.float64)[:3, :3]
-    # The angles are those of R = Rz(yaw) Ry(pitch) Rx(roll), read from its first column and its last row.
-    roll, yaw = np.arctan2(R[2, 1], R[2, 2]), np.arctan2(R[1, 0], R[0, 0])
-    pitch = np.arctan2(-R[2, 0], np.hypot(R[2, 1], R[2, 2]))
-    x, y, z = pose[:3, 3]
-    angles = ", ".join(
-        f"{name} {np.degrees(angle):.2f}" for name, angle in (("roll", roll), ("pitch", pitch), ("yaw", yaw))
-    )
-    return f"x {x:.3f}, y {y:.3f}, z {z:.3f} m; {angles} deg"
 
 
 def _check(args: argparse.Namespace) -> None:

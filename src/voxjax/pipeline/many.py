@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, Literal
 
+import numpy as np
+
 from .._checks import InputError
 from .._runtime.forks import refused_after_fork
 from .._runtime.threads import spread
@@ -123,6 +125,9 @@ def merge(
         loops=tuple(loop_errors(grids, poses, pairs, tree)),
         seconds=stages.seconds | {"total": time.perf_counter() - start},
         late=tuple(None if f is None else f.searched.late for f in features),
+        middles=tuple(
+            _middle(g, None if f is None else f.origin) for g, f in zip(grids, features, strict=True)
+        ),
     )
 
 
@@ -156,6 +161,11 @@ def _features_of_all(
     for number, one in zip(filled, found, strict=True):
         features[number] = one
     return features, voxel
+
+
+def _middle(grid: VoxelGrid, origin: np.ndarray | None) -> np.ndarray:
+    """Middle of a map in its own frame [m]: the zero of the local frame of its features, which strays do not move."""
+    return np.mean(grid.extent, axis=0) if origin is None else np.asarray(origin, np.float64)
 
 
 def _announce_of(stages: Stages, pair: str, name: str) -> None:

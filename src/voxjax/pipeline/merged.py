@@ -42,6 +42,7 @@ class Merge(eqx.Module):
         seconds: {stage: s}: "features", "register", "fuse" and their sum "total".
         late: Corners and descriptors of each map, computed when first asked for; None for a map without any, or where
             the preset computes its own.
+        middles: Middle of each map in its own frame [m], without strays far away where the preset leaves them aside.
     """
 
     grid: VoxelGrid | None
@@ -51,6 +52,7 @@ class Merge(eqx.Module):
     loops: tuple[LoopError, ...]
     seconds: dict
     late: tuple[LateFeatures | None, ...]
+    middles: tuple[np.ndarray, ...]
 
     def __repr__(self) -> str:
         """One line: status, verdicts of the pairs, the fused map, and the reason."""

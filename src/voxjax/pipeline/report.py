@@ -13,6 +13,7 @@ from ..grid import VoxelGrid
 from ..maps.findings import Remark
 from ..registration.types import Registration
 from .merged import Merge
+from .readable_poses import readable_pose
 from .stage_times import OnStage, Stages
 
 
@@ -66,7 +67,7 @@ def merge_report(
                 paths, merged.poses, grids, corners, remarks, strict=True
             )
         ],
-        "pairs": [_pair_report(a, b, registration) for a, b, registration in merged.pairs],
+        "pairs": [_pair_report(a, b, registration, merged.middles[b]) for a, b, registration in merged.pairs],
         "loops": [
             {"a": loop.a, "b": loop.b, "metres": loop.metres, "degrees": math.degrees(loop.radians)}
             for loop in merged.loops
@@ -96,8 +97,8 @@ def finite(value: Any) -> Any:
     return value
 
 
-def _pair_report(a: int, b: int, registration: Registration) -> dict[str, Any]:
-    """One entry of "pairs"."""
+def _pair_report(a: int, b: int, registration: Registration, middle_b: np.ndarray) -> dict[str, Any]:
+    """One entry of "pairs"; `middle_b` is the middle of map b in its own frame [m]."""
     stats = registration.stats
     best = registration.hypotheses[0].evidence if registration.hypotheses else None
     return {
@@ -108,6 +109,8 @@ def _pair_report(a: int, b: int, registration: Registration) -> dict[str, Any]:
         "reason": registration.reason,
         # Rejected pairs have their best pose, too: whoever knows the place can see what was nearly taken.
         "T_a_b": np.asarray(registration.T_a_b).tolist(),
+        # A person reads that where frames are far: the translation is that of a point far from the map.
+        **readable_pose(np.asarray(registration.T_a_b), middle_b).as_dict(),
         "confidence": registration.confidence,
         "covariance": np.asarray(registration.covariance).tolist(),
         "num_associations": stats.get("num_associations", 0),
