@@ -7,7 +7,9 @@ from voxjax.synthetic.lidar import take_scan
 
 def test_scan_echoes_lie_on_surfaces(storey):
     T = pose_of(translation=[*storey.plan.rooms[0].polygon.mean(axis=0), 1.3])
-    scan = take_scan(np.random.default_rng(0), storey, T, Lidar(range_noise=0.0, people=0.0, num_azimuths=90))
+    scan = take_scan(
+        np.random.default_rng(0), storey.scene, T, Lidar(range_noise=0.0, people=0.0, num_azimuths=90)
+    )
     distance = storey.solids.distance(scan.points[: scan.num_hits] + T[:3, 3])
     assert np.abs(distance).min(axis=1).max() < 1e-3
     assert (distance.min(axis=1) > -1e-3).all()
@@ -18,7 +20,7 @@ def test_dropout_noise_and_people_show_in_scans(storey):
 
     def scan(**options):
         base = {"range_noise": 0.0, "dropout": 0.0, "people": 0.0, "num_azimuths": 90}
-        return take_scan(np.random.default_rng(4), storey, T, Lidar(**{**base, **options}))
+        return take_scan(np.random.default_rng(4), storey.scene, T, Lidar(**{**base, **options}))
 
     clean, noisy, crowded = scan(), scan(range_noise=0.03), scan(people=50.0)
     assert len(clean.points) == 90 * 48

@@ -19,7 +19,7 @@ VOXEL = 0.1
 def walk(storey):
     rng = np.random.default_rng(0)
     poses = walk_rooms(rng, storey, [0, 1])
-    return [take_scan(rng, storey, T, LIDAR) for T in poses], poses
+    return [take_scan(rng, storey.scene, T, LIDAR) for T in poses], poses
 
 
 def test_map_agrees_with_the_building(storey, walk):

@@ -3,8 +3,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from oracles.raycast import range_to_boxes
-from voxjax.synthetic.lidar import measure_ranges
 from voxjax.synthetic.prisms import join_prisms, make_prisms, rectangle
+from voxjax.synthetic.scene import measure_ranges
 
 
 def draw_boxes(rng, count):

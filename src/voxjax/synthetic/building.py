@@ -7,6 +7,7 @@ import numpy as np
 from .furniture import Item, furnish, turned
 from .layout import DOOR_HEIGHT, WALL_THICKNESS, Plan, Wall, make_plan
 from .prisms import Prisms, join_prisms, make_prisms, rectangle
+from .scene import Scene
 from .true_corners import TrueCorners, find_true_corners
 
 
@@ -32,6 +33,11 @@ class Building:
     def num_rooms(self) -> int:
         """Number of rooms, the corridor included."""
         return len(self.plan.rooms)
+
+    @property
+    def scene(self) -> Scene:
+        """What a sensor meets in it."""
+        return Scene(self.solids)
 
     def neighbours(self, room: int) -> list[int]:
         """Rooms that a door joins to `room`, in rising order."""

@@ -1,12 +1,12 @@
-"""A spinning 3D lidar in a generated building: beams, ranges, noise, drop-outs and people walking by."""
+"""A spinning 3D lidar in a generated world: beams, ranges, noise, drop-outs and people walking by."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .._runtime.buckets import bucket_size, pad_rows
-from .building import Building
-from .prisms import Prisms, cast_rays, join_prisms, make_prisms, rectangle
+from .camera import DepthCamera
+from .prisms import Prisms, join_prisms, make_prisms, rectangle
+from .scene import Scene
 
 _MAX_PEOPLE = 4
 
@@ -47,6 +47,10 @@ class Lidar:
         upright = np.roll(self._turn(self.upright_beams), 1, axis=1)
         return np.concatenate([level, upright])
 
+    def noise_at(self, ranges: np.ndarray) -> np.ndarray:
+        """Standard deviation of each range (n,) [m]: the same for all."""
+        return np.full(len(ranges), self.range_noise)
+
     def _turn(self, elevations: np.ndarray) -> np.ndarray:
         """Shots of one turn about z; neighbouring beams are shifted by half a step."""
         azimuth = 2.0 * np.pi * np.arange(self.num_azimuths) / self.num_azimuths
@@ -71,36 +75,31 @@ class Scan:
     num_hits: int
 
 
-def take_scan(rng: np.random.Generator, building: Building, T_world_sensor: np.ndarray, lidar: Lidar) -> Scan:
-    """Scan the building, and people, from a pose.
+def take_scan(
+    rng: np.random.Generator, scene: Scene, T_world_sensor: np.ndarray, sensor: Lidar | DepthCamera
+) -> Scan:
+    """Scan the scene, and people, from a pose.
 
     Args:
         rng: Source of chance.
-        building: What is seen.
+        scene: What is seen.
         T_world_sensor: (4, 4) true pose.
-        lidar: The sensor.
+        sensor: The lidar or camera.
     """
-    shots = lidar.directions()
-    solids = join_prisms(building.solids, _draw_people(rng, T_world_sensor[:3, 3], lidar.people))
-    ranges = measure_ranges(solids, T_world_sensor[:3, 3], shots @ T_world_sensor[:3, :3].T)
+    shots, R = sensor.directions(), T_world_sensor[:3, :3]
+    solids = join_prisms(scene.solids, _draw_people(rng, T_world_sensor[:3, 3], sensor.people))
+    crowded = replace(scene, solids=solids)
+    ranges = crowded.ranges(T_world_sensor[:3, 3], shots @ R.T, sensor.max_range)
     # Beyond the longest range there is no echo, whether something stands there or not.
-    is_echo = ranges <= lidar.max_range
+    is_echo = ranges <= sensor.max_range
     # Noise and losses are drawn for all shots, so that the number of draws does not depend on what is seen.
-    noisy = ranges + rng.normal(0.0, lidar.range_noise, len(ranges))
-    is_kept = rng.random(len(ranges)) >= lidar.dropout
+    noisy = ranges + rng.normal(0.0, 1.0, len(ranges)) * sensor.noise_at(ranges)
+    is_kept = rng.random(len(ranges)) >= sensor.dropout
     echoes = shots[is_echo & is_kept] * noisy[is_echo & is_kept, None]
-    return Scan(np.concatenate([echoes, lidar.free_range * shots[~is_echo & is_kept]]), len(echoes))
-
-
-def measure_ranges(solids: Prisms, origin: np.ndarray, directions: np.ndarray) -> np.ndarray:
-    """Distances (n,) [m] from one origin to the nearest solid along unit vectors, inf without echo."""
-    # Sizes climb the ladder, so that buildings and people of all numbers share one compiled caster.
-    size = bucket_size(len(solids.kind) + _MAX_PEOPLE)
-    arrays = (solids.side_normals, solids.side_offsets, solids.z_range)
-    padded = [pad_rows(array.astype(np.float32), size) for array in arrays]
-    mask = np.arange(size) < len(solids.kind)
-    ranges = cast_rays(origin.astype(np.float32), directions.astype(np.float32), *padded, mask)
-    return np.asarray(ranges, np.float64)
+    if scene.warp is not None:
+        # What bends is the world: its points are moved the same way from wherever they are seen.
+        echoes = echoes + scene.warp(echoes @ R.T + T_world_sensor[:3, 3]) @ R
+    return Scan(np.concatenate([echoes, sensor.free_range * shots[~is_echo & is_kept]]), len(echoes))
 
 
 def _draw_people(rng: np.random.Generator, near: np.ndarray, mean: float) -> Prisms:

@@ -20,7 +20,7 @@ class Prisms(NamedTuple):
     Attributes:
         footprint: (n, 4, 2) [m], the vertices counterclockwise seen from above.
         z_range: (n, 2) [m], bottom and top.
-        kind: (n,) names: "wall", "floor", "ceiling", "furniture", "door" or "person".
+        kind: (n,) names of at most nine letters: "wall", "floor", "ceiling", "furniture", "door", "person", "tree" ...
     """
 
     footprint: np.ndarray
@@ -38,6 +38,14 @@ class Prisms(NamedTuple):
     def side_offsets(self) -> np.ndarray:
         """Offsets of the sides, (n, 4) [m]: a point is inside where normal @ p <= offset for all sides."""
         return np.einsum("nki,nki->nk", self.side_normals, self.footprint)
+
+    def within(self, place: np.ndarray, radius: float) -> "Prisms":
+        """Those prisms whose bounding box comes as near to a place (3,) as `radius` [m]."""
+        low = np.concatenate([self.footprint.min(axis=1), self.z_range[:, :1]], axis=1)
+        high = np.concatenate([self.footprint.max(axis=1), self.z_range[:, 1:]], axis=1)
+        gap = np.maximum(np.maximum(low - place, place - high), 0.0)
+        is_near = np.einsum("nk,nk->n", gap, gap) <= radius * radius
+        return Prisms(*(array[is_near] for array in self))
 
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Largest signed distance to the face planes of each prism, (m, n) [m]; below 0 inside.

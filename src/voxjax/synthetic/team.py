@@ -182,10 +182,15 @@ def draw_frame(rng: np.random.Generator, frame: Frame) -> np.ndarray:
 
 
 def measure_overlap(a: VoxelGrid, b: VoxelGrid, T_a_b: np.ndarray) -> float:
-    """Share of the occupied voxel centres of b within 1.5 voxels of one of a, under `T_a_b`."""
+    """Share of the occupied voxel centres of b within 1.5 voxels of one of a, under `T_a_b`.
+
+    Of two voxel sizes the wider counts.
+    """
     points = b.occupied_points().astype(np.float64) @ T_a_b[:3, :3].T + T_a_b[:3, 3]
     # The bound spares the search for the far voxels of b, whose distance is given as infinite then.
-    distance, _ = KDTree(a.occupied_points()).query(points, distance_upper_bound=1.5 * a.voxel_size)
+    distance, _ = KDTree(a.occupied_points()).query(
+        points, distance_upper_bound=1.5 * max(a.voxel_size, b.voxel_size)
+    )
     return float(np.isfinite(distance).mean()) if len(points) else 0.0
 
 
@@ -201,6 +206,6 @@ def _map_rooms(
     """Walk, scan and map."""
     true_poses = walk_rooms(rng, building, rooms)
     # Scans are taken from the true poses and put together at those that the mapper believes in: that is drift.
-    scans = [take_scan(rng, building, T, lidar) for T in true_poses]
+    scans = [take_scan(rng, building.scene, T, lidar) for T in true_poses]
     believed = draw_drift(rng, true_poses, drift)
     return build_map(scans, rigid.inverse(T_world_map) @ believed, voxel_size=voxel_size)

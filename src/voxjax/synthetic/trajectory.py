@@ -68,7 +68,7 @@ def walk_rooms(
         (n, 4, 4): `T_world_sensor`, heading along the way, with a degree of roll and pitch.
     """
     height = rng.uniform(0.9, 1.3)
-    corners = np.asarray(_visit(rng, building, rooms))
+    corners = np.asarray(visit_rooms(rng, building, rooms))
     lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(lengths)])
     # Poses are set by length along the way, so that they are as dense in long legs as in short ones.
@@ -82,6 +82,31 @@ def walk_rooms(
     yaw = np.arctan2(ahead[:, 1], ahead[:, 0])
     poses = np.asarray([pose_of(p, [a, b, c]) for p, (a, b), c in zip(points, tilt, yaw, strict=True)])
     return poses[is_clear]
+
+
+def visit_rooms(rng: np.random.Generator, building: Building, rooms: list[int]) -> list[np.ndarray]:
+    """Points (2,) of a depth-first walk through the rooms; it comes back only while rooms are left."""
+    left = set(rooms)
+    start = int(rng.choice(rooms))
+    points: list[np.ndarray] = []
+
+    def enter(room: int) -> None:
+        left.discard(room)
+        points.extend(_points_inside(rng, building.plan.rooms[room].polygon))
+        for door in rng.permutation(len(building.plan.doors)):
+            way = building.plan.doors[door]
+            if room not in way.rooms:
+                continue
+            other = way.rooms[1] if way.rooms[0] == room else way.rooms[0]
+            if other in left:
+                points.extend(_through(way, room))
+                enter(other)
+                # Nobody walks back from the last room, where nothing is left to see.
+                if left:
+                    points.extend(_through(way, other))
+
+    enter(start)
+    return points
 
 
 def pose_of(position: np.ndarray, roll_pitch_yaw: np.ndarray | list[float]) -> np.ndarray:
@@ -119,31 +144,6 @@ def draw_drift(rng: np.random.Generator, poses: np.ndarray, amount: float) -> np
         T[:3, :3] = pose_of(np.zeros(3), e[3:])[:3, :3] @ T[:3, :3]
         T[:3, 3] += e[:3]
     return drifted
-
-
-def _visit(rng: np.random.Generator, building: Building, rooms: list[int]) -> list[np.ndarray]:
-    """Points (2,) of a depth-first walk through the rooms; it comes back only while rooms are left."""
-    left = set(rooms)
-    start = int(rng.choice(rooms))
-    points: list[np.ndarray] = []
-
-    def enter(room: int) -> None:
-        left.discard(room)
-        points.extend(_points_inside(rng, building.plan.rooms[room].polygon))
-        for door in rng.permutation(len(building.plan.doors)):
-            way = building.plan.doors[door]
-            if room not in way.rooms:
-                continue
-            other = way.rooms[1] if way.rooms[0] == room else way.rooms[0]
-            if other in left:
-                points.extend(_through(way, room))
-                enter(other)
-                # Nobody walks back from the last room, where nothing is left to see.
-                if left:
-                    points.extend(_through(way, other))
-
-    enter(start)
-    return points
 
 
 def _through(door: Door, from_room: int) -> list[np.ndarray]:
