@@ -8,7 +8,7 @@ import pytest
 import voxjax as vx
 from oracles.motions import random_pose
 from small_worlds import draw_map, pose
-from voxjax import rigid
+from voxjax import InputError, rigid
 from voxjax.frames import check_near, float32_tells, from_local, snapped, to_local
 from voxjax.fusion.rules import log_odds_of_states
 from voxjax.refinement.residuals.known import CornerPairs
@@ -69,6 +69,16 @@ def test_local_poses_come_back_and_move_the_same_points():
     for each, own in zip(local, T, strict=True):
         moved = (points + b) @ own[:3, :3].T + own[:3, 3]
         np.testing.assert_allclose(points @ each[:3, :3].T + each[:3, 3] + a, moved, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("change", [to_local, from_local])
+@pytest.mark.parametrize("odd", [np.nan, np.inf])
+def test_poses_and_places_that_are_none_are_refused(change, odd):
+    for number, name in enumerate(("T_a_b", "origin_a", "origin_b")):
+        given = [np.eye(4), np.zeros(3), np.zeros(3)]
+        given[number][..., 0] = odd
+        with pytest.raises(InputError, match=f"{name} must be finite numbers, got"):
+            change(*given)
 
 
 def test_a_rotation_of_float32_becomes_one_that_its_transpose_inverts():

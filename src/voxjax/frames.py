@@ -9,7 +9,7 @@ A map far out then gives the very numbers that it gives near zero.
 import numpy as np
 from jaxtyping import Float
 
-from ._checks import InputError
+from ._checks import InputError, shown
 from .rigid import nearest_rotation
 
 STEPS_PER_VOXEL = 1 << 16
@@ -27,7 +27,11 @@ def to_local(
         T_a_b: Maps points of frame b into frame a.
         origin_a: Origin of a's local frame, in frame a [m].
         origin_b: Origin of b's local frame, in frame b [m].
+
+    Raises:
+        InputError: If one of them holds NaN or infinite numbers.
     """
+    _check_finite(T_a_b=T_a_b, origin_a=origin_a, origin_b=origin_b)
     local = np.array(T_a_b, np.float64)
     # The origin of b's local frame goes where the pose puts it, whatever digits its rotation has.
     local[..., :3, 3] += local[..., :3, :3] @ np.asarray(origin_b, np.float64)
@@ -44,12 +48,27 @@ def from_local(
 
     The rotation becomes orthonormal to the digits of float64: what float32 leaves of it, 1e-7, is a decimetre at a
     coordinate of a million metres, and a pose that is inverted by transposing it must not keep that.
+
+    Raises:
+        InputError: As in `to_local`.
     """
+    _check_finite(T_a_b=T_a_b, origin_a=origin_a, origin_b=origin_b)
     own = np.array(T_a_b, np.float64)
     own[..., :3, :3] = nearest_rotation(own[..., :3, :3])
     own[..., :3, 3] -= own[..., :3, :3] @ np.asarray(origin_b, np.float64)
     own[..., :3, 3] += np.asarray(origin_a, np.float64)
     return own
+
+
+def _check_finite(**values: np.ndarray) -> None:
+    """Refuse poses and places that are none: what is nearest to them has no answer.
+
+    Raises:
+        InputError: If one is not finite.
+    """
+    for name, value in values.items():
+        if not np.isfinite(value).all():
+            raise InputError(f"{name} must be finite numbers, got {shown(np.asarray(value).tolist())}.")
 
 
 def image(T: Float[np.ndarray, "4 4"], point: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:

@@ -156,6 +156,21 @@ def test_maps_of_nothing_fuse_to_nothing():
     assert vx.fuse([grid, empty], [I, pose()], rule="keep") == grid
 
 
+@pytest.mark.parametrize("kind", ["dense", "blocks"])
+@pytest.mark.parametrize("angle", [0.0, 90.0, 17.0])
+def test_a_map_of_nothing_adds_nothing_wherever_it_lies(tmp_path, kind, angle):
+    grid, far = make_grid(), np.array([4.5e5, 5.4e6, 0.0])
+    empty = VoxelGrid(np.zeros((6, 6, 6), np.uint8), far, SIZE)
+    if kind == "blocks":
+        empty = VoxelGrid(empty.state_blocks(), far, SIZE)
+    poses = [I, turned("z", np.radians(angle), (1.0, 2.0, 3.0))]
+    for rule in ("paper", "keep", "log_odds"):
+        assert vx.fuse([grid, empty], poses, rule=rule) == vx.fuse([grid], poses[:1], rule=rule)
+    assert vx.fuse([grid, empty], poses, rule="keep", out=tmp_path / "m.zarr") == grid
+    soft = vx.fuse([grid, empty], poses, interpolation="trilinear")
+    assert soft == vx.fuse([grid], poses[:1], interpolation="trilinear")
+
+
 def test_misuse_is_refused_in_one_sentence():
     grid = make_grid()
     far = np.eye(4)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from voxjax import InputError, VoxelGrid
+from voxjax.io import describe_map, load_map
 from voxjax.io.npz import decode_npz, encode_npz
 from voxjax.ops.blocks.block_builder import BlockBuilder, blocks_of
 
@@ -267,3 +268,22 @@ def test_a_box_of_more_voxels_than_a_file_holds_is_refused_with_the_formats_that
         InputError, match=r"at most 2,147,483,647, and this one has 2,147,483,648; write it as \.bt"
     ):
         encode_npz(far)
+
+
+def test_what_version_1_has_lost_of_a_far_origin_is_said(tmp_path):
+    heard = []
+    far = members(origin=np.array([450_000.1, 5_400_000.1, 0.0], np.float32))
+    decode_npz(far, note=heard.append)
+    (remark,) = heard
+    assert remark.code == "rounded_origin"
+    assert remark.numbers["float32_step_m"] == 0.5
+    assert "5,400,000 m from zero" in remark.text
+    assert "up to 0.25 m off" in remark.text
+    # No remark where nothing is lost: near zero, and in files of version 2.
+    decode_npz(members(origin=np.array([10.1, 0.0, 0.0], np.float32)), note=heard.append)
+    decode_npz(members(voxjax_map=np.int32(2), origin=np.array([0.0, 5.4e6, 0.0])), note=heard.append)
+    assert len(heard) == 1
+    (tmp_path / "far.npz").write_bytes(far)
+    # That float64 keeps the rounded place would say the contrary.
+    assert [remark.code for remark in load_map(tmp_path / "far.npz").remarks] == ["rounded_origin"]
+    assert [remark.code for remark in describe_map(tmp_path / "far.npz").remarks] == ["rounded_origin"]

@@ -14,6 +14,7 @@ from voxjax.maps.findings import (
     far_frame_remark,
     grid_remarks,
     isolated_remark,
+    rounded_origin_remark,
     units_remark,
 )
 from voxjax.maps.isolated import isolated_pieces
@@ -142,3 +143,11 @@ def test_strays_say_more_than_that_a_box_is_empty():
     assert [r.code for r in grid_remarks(low, high, 1.0, 100, has_strays=False)] == ["nearly_empty"]
     assert grid_remarks(low, high, 1.0, 100, has_strays=True) == []
     assert grid_remarks(low, high, 1.0, 100_000, has_strays=False) == []
+
+
+def test_an_origin_that_single_precision_holds_is_no_remark():
+    assert rounded_origin_remark(np.array([100.0, -200.0, 0.0]), 0.1) is None
+    remark = rounded_origin_remark(np.array([100.0, -3e4, 0.0]), 0.05)
+    assert remark is not None
+    assert remark.numbers["float32_step_m"] == pytest.approx(0.00195, rel=0.01)
+    assert "float64" not in remark.text

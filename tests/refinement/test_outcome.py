@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from voxjax import RESULTS
-from voxjax.refinement.outcome import how_it_ended, unrefined_pose, unrefined_poses
+from voxjax.refinement.outcome import has_ended, how_it_ended, unrefined_pose, unrefined_poses
 
 
 @pytest.mark.parametrize(
@@ -19,6 +19,11 @@ from voxjax.refinement.outcome import how_it_ended, unrefined_pose, unrefined_po
 )
 def test_a_pose_that_slides_is_degenerate_whether_it_converged_or_not(converged, is_degenerate, expected):
     assert how_it_ended(jnp.asarray(converged), jnp.asarray(is_degenerate)) == expected
+
+
+def test_a_cost_that_is_no_number_is_no_end():
+    costs = jnp.asarray([0.1, np.nan, np.inf, 0.1])
+    assert has_ended(jnp.asarray([True, True, True, False]), costs).tolist() == [True, False, False, False]
 
 
 def test_without_voxels_the_start_stays_and_nothing_is_known():

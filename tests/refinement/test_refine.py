@@ -7,6 +7,7 @@ import voxjax as vx
 from oracles.motions import nudged, pose_error, random_pose
 from oracles.rooms import VOXEL
 from voxjax.refinement.refine import _each, refine
+from voxjax.refinement.residuals.known import Prior
 from voxjax.refinement.solve.equations import move_about
 
 POINTS = 2048
@@ -74,6 +75,18 @@ def test_bad_input_is_one_sentence(pair, changes, word):
     a, b, T, _ = pair
     with pytest.raises(vx.InputError, match=word):
         refine(a, b, **({"T_a_b": T} | changes))
+
+
+def test_a_belief_that_is_no_pose_is_no_success(pair):
+    a, b, T, centroid = pair
+    centroid = np.asarray(centroid, np.float32)
+    unknown = Prior(np.full((4, 4), np.nan, np.float32), centroid, np.eye(6, dtype=np.float32))
+    with pytest.raises(vx.InputError, match=r"terms\[0\]\.T_a_b must hold numbers"):
+        refine(a, b, T, num_points=POINTS, terms=[unknown])
+    certain = Prior(np.asarray(T, np.float32), centroid, np.full((6, 6), np.inf, np.float32))
+    found = refine(a, b, T, num_points=POINTS, terms=[certain])
+    assert found.result == vx.RESULTS.not_converged
+    np.testing.assert_allclose(found.T_a_b, T, atol=1e-5)
 
 
 def test_the_tangent_moves_the_centroid_by_its_translation():

@@ -6,6 +6,7 @@ import numpy as np
 
 from .._runtime.whole_files import write_files
 from ..features.corners import Corners, detect_corners
+from ..grid import VoxelGrid
 from .maps import load_maps, warn_of_remarks
 from .outputs import check_outputs
 from .runtime import kept_kernels
@@ -23,8 +24,22 @@ def run(args: argparse.Namespace) -> int:
     mask = np.asarray(corners.mask)
     num_observed = int(np.count_nonzero(mask & np.asarray(corners.is_observed)))
     num_virtual = int(np.count_nonzero(mask)) - num_observed
-    tell(f"{args.output}: {num_observed} observed and {num_virtual} virtual corners")
+    hint = "" if num_observed or args.virtual else _hint(maps[0].grid, args.preset)
+    tell(f"{args.output}: {num_observed} observed and {num_virtual} virtual corners{hint}")
     return 0
+
+
+def _hint(grid: VoxelGrid, preset: str) -> str:
+    """Why no corner was observed and what finds some, to stand behind the number; the paper's method has neither."""
+    if preset == "paper":
+        return "; the default preset has --virtual ones, where planes meet unseen"
+    if not grid.num_free:
+        # A face counts as seen where free space lies before it.
+        return (
+            "; without free space no corner is observed, and this map has none: --virtual gives those where its planes "
+            "meet"
+        )
+    return "; --virtual also gives those where planes meet unseen"
 
 
 def corners_csv(corners: Corners) -> str:

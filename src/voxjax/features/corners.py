@@ -34,6 +34,8 @@ def detect_corners(
 ) -> Corners:
     """Find the corners of a map: points where three faces meet.
 
+    A face counts as seen where free space lies before it, so that a map without free space has no observed corners.
+
     Args:
         grid: The map.
         virtual: Also give points where three planes meet unseen, behind furniture or beyond what was scanned.

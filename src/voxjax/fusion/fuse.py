@@ -19,7 +19,7 @@ from ..frames import check_near, snapped, to_local
 from ..grid import VoxelGrid, check_grid, check_grids
 from ..ops.blocks.block_builder import BlockBuilder
 from ..ops.resampling.lattice import check_num_voxels, check_places, moved_bounds, origin_of_cell
-from .nearest import ADVICE, BlockFusion, common_box, plan_fusion
+from .nearest import ADVICE, BlockFusion, common_box, plan_fusion, with_content
 from .rules import chosen_rule
 from .soft import Lattice, check_soft_pose, fuse_soft, soft_fuse_memory
 from .stored import check_out, check_processes, fuse_into_store
@@ -212,6 +212,7 @@ def _chosen_lattice(grids: list[VoxelGrid], matrices: list, voxel_size: float | 
         )
     size = min(grid.voxel_size for grid in grids) if voxel_size is None else voxel_size
     size = check_voxel_size(size)
+    grids, matrices = with_content(grids, matrices)
     found = common_box(_bounds([_coarsened(grid, size) for grid in grids], matrices, size))
     low, shape = (np.zeros(3, np.int64), np.ones(3, np.int64)) if found is None else found
     x, y, z = shape.tolist()

@@ -9,7 +9,8 @@ Maps that lie in a store are read as windows need them, if that is asked for.
 import functools
 import zlib
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from itertools import compress
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -41,6 +42,9 @@ from ..ops.resampling.stored import Stored
 from .rules import fuse_keep, fuse_log_odds, fuse_paper, log_odds_of_states
 
 ADVICE = "check the poses, leave out far maps, or give a larger voxel_size"
+
+Pose = TypeVar("Pose")
+"""Values of a pose, or what JAX traces."""
 
 Bounds = tuple[Int[np.ndarray, "3"], Int[np.ndarray, "3"]]
 
@@ -240,6 +244,7 @@ def plan_fusion(
     Raises:
         InputError: If the fused map would have more than 2**31 blocks, or lies too far from the origin of its frame.
     """
+    grids, poses = with_content(grids, poses)
     coarse = [grid if grid.voxel_size >= voxel_size else grid.with_voxel_size(voxel_size) for grid in grids]
     local, matrices, zero = _in_local_frames(coarse, poses, voxel_size)
     kept = [_stored(grid) if from_stores and grid.is_stored else grid.state_blocks() for grid in local]
@@ -263,6 +268,18 @@ def plan_fusion(
     if rule == "log_odds":  # the only one whose values are rounded
         sources = _in_one_order(sources)
     return BlockFusion(sources, origin_of_cell(low + zero, voxel_size), (x, y, z), voxel_size, rule)
+
+
+def with_content(grids: Sequence[VoxelGrid], poses: Sequence[Pose]) -> tuple[list[VoxelGrid], list[Pose]]:
+    """Maps that may know something, with their poses; all of them where none does.
+
+    A map that knows nothing adds nothing wherever it lies, and must not make the box reach there.
+    """
+    # Of a store, the list of its chunks is all that is looked at.
+    known = [len(g.cubes(BLOCK)) > 0 if g.is_sparse else bool(np.any(g.known_box()[1])) for g in grids]
+    if not any(known):
+        return list(grids), list(poses)
+    return list(compress(grids, known)), list(compress(poses, known))
 
 
 def common_box(bounds: Sequence[Bounds]) -> Bounds | None:

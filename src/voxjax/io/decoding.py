@@ -20,8 +20,7 @@ from .octomap_leaves import leaves_of_bt, leaves_of_ot
 from .strays import piece_remarks, without_strays
 from .zarr_reading import open_zarr
 
-# Clouds are no maps before they have a voxel size, so that they are decoded by `cloud_map`.
-_DECODERS = {".bt": decode_bt, ".ot": decode_ot, ".npz": decode_npz}
+_DECODERS = {".bt": decode_bt, ".ot": decode_ot}
 _LEAVES = {".bt": leaves_of_bt, ".ot": leaves_of_ot}
 TREE_ENDINGS = tuple(_LEAVES)
 """Endings of files that hold trees."""
@@ -45,7 +44,10 @@ def decode_map(data: bytes, ending: str, options: ReadOptions) -> tuple[VoxelGri
     if ending in TREE_ENDINGS:
         grid, remarks = _octree_map(data, ending, options)
     else:
-        grid, remarks = _cut_as_asked(_DECODERS[ending](data, max_voxels=options.max_voxels), options)
+        lost: list[Remark] = []
+        grid = decode_npz(data, max_voxels=options.max_voxels, note=lost.append)
+        grid, remarks = _cut_as_asked(grid, options)
+        remarks = lost + remarks
     _check_place(grid)
     return grid, remarks
 
@@ -93,6 +95,9 @@ def with_box_remarks(remarks: list[Remark], facts: MapFacts) -> tuple[Remark, ..
     has_strays = any(remark.code == "isolated" and not remark.numbers["is_dropped"] for remark in remarks)
     num_known = facts.num_occupied + facts.num_free
     seen = grid_remarks(facts.low, facts.high, facts.voxel_size, num_known, has_strays=has_strays)
+    # That positions are kept in float64 is no news of a map whose file has rounded its place.
+    if any(remark.code == "rounded_origin" for remark in remarks):
+        seen = [remark for remark in seen if remark.code != "far_frame"]
     return (*remarks, *seen)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from .._checks import InputError, shown
 from .._types import OCCUPIED
 from ..grid import VoxelGrid
+from ..maps.findings import Remark, rounded_origin_remark
 from ..ops.resampling.lattice import MAX_VOXELS
 from .budget import Budget
 from .text_header import whole_number
@@ -76,12 +77,15 @@ def _write_array(
             file.write(np.asarray(part, kind).tobytes("C"))
 
 
-def decode_npz(data: bytes, *, max_voxels: int | None = None) -> VoxelGrid:
+def decode_npz(
+    data: bytes, *, max_voxels: int | None = None, note: Callable[[Remark], None] | None = None
+) -> VoxelGrid:
     """Read the bytes of a `.npz` file written by `encode_npz`.
 
     Args:
         data: The whole file.
         max_voxels: Largest grid; None for what a file of this size can hold.
+        note: Called with what the file has lost of its map: version 1 keeps the origin in single precision.
 
     Raises:
         InputError: If the file is damaged, no voxjax map, of a newer version, has wrong shapes, types or
@@ -118,7 +122,11 @@ def decode_npz(data: bytes, *, max_voxels: int | None = None) -> VoxelGrid:
         raise InputError(f"origin must be finite, got {origin.tolist()}")
     if log_odds is not None and not np.isfinite(log_odds).all():
         raise InputError("log_odds must be finite, but some are NaN or infinite")
-    return VoxelGrid(states, origin, voxel_size, log_odds)
+    grid = VoxelGrid(states, origin, voxel_size, log_odds)
+    lost = rounded_origin_remark(origin, voxel_size) if version == 1 else None
+    if lost is not None and note is not None:
+        note(lost)
+    return grid
 
 
 class _Pieces(io.BytesIO):

@@ -189,6 +189,26 @@ def far_frame_remark(
     )
 
 
+def rounded_origin_remark(origin: Real[np.ndarray, "3"], voxel_size: float) -> Remark | None:
+    """A map whose file has put it where single precision could; None where that is where it was, to a hundredth.
+
+    Args:
+        origin: Outer corner as the file has it [m].
+        voxel_size: Edge length of a voxel [m].
+    """
+    farthest = float(np.abs(origin).max())
+    if float32_tells(farthest, voxel_size):
+        return None
+    step = float32_step(farthest)
+    return Remark(
+        "rounded_origin",
+        f"the file keeps its origin, {_metres(farthest)} m from zero, in single precision, which knows places "
+        f"{step:.2g} m apart there: the whole map may lie up to {step / 2:.2g} m off along each axis; write it again "
+        "from its source",
+        {"float32_step_m": step, "voxel_size": voxel_size},
+    )
+
+
 def emptiness_remark(shape: tuple[int, ...], num_known: int) -> Remark | None:
     """A box that is nearly empty; None for all others.
 

@@ -62,6 +62,11 @@ class JointRefinement(eqx.Module):
     cost_after: Float[Array, ""]
 
 
+def has_ended(converged: Bool[Array, "*starts"], cost: Float[Array, "*starts"]) -> Bool[Array, "*starts"]:
+    """Whether a solver came to an end at a cost that is a number: steps that change NaN by nothing end, too."""
+    return jnp.asarray(converged) & jnp.isfinite(jnp.asarray(cost))
+
+
 def how_it_ended(converged: Bool[Array, ""], is_degenerate: Bool[Array, ""]) -> RESULTS:
     """The result of a solve: a pose that can slide is `degenerate`, whether the solver converged or not."""
     # The outcome may be traced, so it is selected and not branched on.

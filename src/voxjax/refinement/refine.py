@@ -15,7 +15,7 @@ from .._types import Array
 from ..frames import to_local
 from ..grid import VoxelGrid
 from ..maps.prepared import PreparedMap
-from .outcome import Refinement, how_it_ended, unrefined_pose
+from .outcome import Refinement, has_ended, how_it_ended, unrefined_pose
 from .problems.coarse_to_fine import better, checked_distances, coarse_levels, scales_in_reach
 from .problems.local_frames import local_frames
 from .problems.many_starts import solve_starts, spread_solves
@@ -128,7 +128,7 @@ def refine(
     return Refinement(
         T_a_b=frames.own_pose(found.T_a_b, start, given),
         covariance=covariances,
-        result=outcome(jnp.asarray(found.converged), jnp.asarray(is_degenerate)),
+        result=outcome(has_ended(found.converged, found.cost_after), jnp.asarray(is_degenerate)),
         num_steps=found.num_steps,
         cost_before=found.cost_before,
         cost_after=found.cost_after,

@@ -14,7 +14,7 @@ from .._types import Array
 from ..frames import image
 from ..grid import VoxelGrid
 from ..maps.prepared import PreparedMap
-from .outcome import JointRefinement, how_it_ended, unrefined_poses
+from .outcome import JointRefinement, has_ended, how_it_ended, unrefined_poses
 from .problems.coarse_to_fine import CoarseLevel, better, checked_distances, coarse_levels, scales_in_reach
 from .problems.joint import joint_maps
 from .problems.joint_pairs import (
@@ -149,7 +149,7 @@ def refine_joint(
     return JointRefinement(
         poses=frames.own_poses(found.poses, world, start, is_held),
         covariance=covariance,
-        result=how_it_ended(found.converged, slides),
+        result=how_it_ended(has_ended(found.converged, found.cost_after), slides),
         pairs=tuple(chosen),
         held=held,
         unpaired=unpaired,

@@ -125,6 +125,18 @@ def test_absurd_extent_is_refused_before_memory_is_taken():
         VoxelGrid.from_points(far, voxel_size=0.1)
 
 
+@pytest.mark.parametrize("sensor_origins", [None, [0.0, 0.0, 0.0]])
+def test_a_range_is_advised_where_it_can_cut_rays(monkeypatch, sensor_origins):
+    far = np.array([[0.05, 0.05, 0.05], [100.0, 100.0, 100.0]])
+    monkeypatch.setenv("VOXJAX_MEMORY", "0.000001")
+    for options in ({"most_dense": 1 << 40}, {"max_voxels": 1000}, {"most_dense": 1}):
+        with pytest.raises(InputError) as caught:
+            grid_from_points(far, voxel_size=0.5, sensor_origins=sensor_origins, **options)
+        has_range = "max_range cuts rays" in str(caught.value)
+        assert has_range == (sensor_origins is not None)
+        assert ("--drop-isolated" in str(caught.value)) == (sensor_origins is None)
+
+
 def test_the_box_of_a_cloud_with_sensors_costs_what_its_rays_cross(monkeypatch):
     rng = np.random.default_rng(0)
     cloud, origins = rng.uniform(0, 6, (2, 2000, 3))

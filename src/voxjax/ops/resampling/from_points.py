@@ -18,7 +18,11 @@ from .raycast_blocks import states_of_rays
 MAX_BLOCK_VOXELS = (1 << 31) * BLOCK_VOXELS
 """Voxels of a box whose blocks int32 counts."""
 
-_ADVICE = "give a larger voxel_size, or drop points far out (max_range cuts rays)"
+_ADVICE = (
+    "give a larger voxel_size (--voxel-size), or leave points far out away (crop or drop_isolated of vx.read_map, "
+    "--crop, --drop-isolated)"
+)
+_ADVICE_FOR_RAYS = "give a larger voxel_size, or drop points far out (max_range cuts rays)"
 
 
 def grid_from_points(
@@ -55,6 +59,7 @@ def grid_from_points(
         raise InputError(f"max_range needs sensor_origins, got max_range={max_range!r} without them.")
     if not len(cloud):
         return np.full((1, 1, 1), UNKNOWN, np.uint8), np.zeros(3)
+    has_rays = sensor_origins is not None
     # Without sensors each point is a ray of no length, so that one box serves both cases.
     starts = cloud if sensor_origins is None else _checked_origins(sensor_origins, len(cloud))
     ends, is_hit = _cut_rays(starts, cloud, max_range)
@@ -62,8 +67,9 @@ def grid_from_points(
         np.concatenate([starts, ends]),
         voxel_size,
         MAX_BLOCK_VOXELS if max_voxels is None else min(max_voxels, MAX_BLOCK_VOXELS),
+        # Without rays there is no range that could cut any.
+        advice=_ADVICE_FOR_RAYS if has_rays else _ADVICE,
     )
-    has_rays = sensor_origins is not None
     if has_rays:
         _check_steps(starts, ends, voxel_size)
     starts, ends = starts / voxel_size, ends / voxel_size
@@ -72,7 +78,7 @@ def grid_from_points(
     if math.prod(shape) > most_dense:
         if not has_rays:
             return _sparse_states(hits, shape), low * voxel_size
-        states = states_of_rays(starts, ends, is_hit, shape, low=low, advice=_ADVICE)
+        states = states_of_rays(starts, ends, is_hit, shape, low=low, advice=_ADVICE_FOR_RAYS)
         return states, low * voxel_size
     _check_memory(shape, voxel_size, has_rays=has_rays)
     # Rays first, points after them: a voxel that holds a point is occupied, whatever else crosses it.
@@ -142,7 +148,8 @@ def _check_memory(shape: tuple[int, int, int], voxel_size: float, *, has_rays: b
     """Refuse a grid for which the memory does not suffice; rays take masks on the device and their copies beside it."""
     num_voxels = shape[0] * shape[1] * shape[2]
     what = f"a grid of {' x '.join(map(str, shape))} voxels of {voxel_size:g} m"
-    check_memory(num_voxels * (5.0 if has_rays else 1.0), what, _ADVICE, on_device=has_rays)
+    advice = _ADVICE_FOR_RAYS if has_rays else _ADVICE
+    check_memory(num_voxels * (5.0 if has_rays else 1.0), what, advice, on_device=has_rays)
 
 
 def _check_steps(starts: np.ndarray, ends: np.ndarray, voxel_size: float, *, most: int = 1 << 18) -> None:
@@ -150,12 +157,12 @@ def _check_steps(starts: np.ndarray, ends: np.ndarray, voxel_size: float, *, mos
     longest = float(np.abs(ends - starts).sum(axis=1).max(initial=0.0)) / voxel_size
     if longest > most:
         raise InputError(
-            f"a ray crosses {longest:.3g} voxels of {voxel_size:g} m, more than {most:,}; {_ADVICE}."
+            f"a ray crosses {longest:.3g} voxels of {voxel_size:g} m, more than {most:,}; {_ADVICE_FOR_RAYS}."
         )
 
 
 def _lattice_box(
-    places: np.ndarray, voxel_size: float, max_voxels: int
+    places: np.ndarray, voxel_size: float, max_voxels: int, *, advice: str
 ) -> tuple[np.ndarray, tuple[int, int, int]]:
     """Lowest voxel index int64 (3,) and the shape of the smallest lattice box around places [m]."""
     # Numbers of voxels stay float64 until they are bounded: whole numbers would wrap round before that.
@@ -165,8 +172,7 @@ def _lattice_box(
         extent = " x ".join(f"{length:.4g}" for length in size * voxel_size)
         raise InputError(
             f"points span {extent} m, which is {np.prod(size):.3g} voxels of {voxel_size:g} m, above the "
-            f"limit of {max_voxels:,}; {_ADVICE}."
+            f"limit of {max_voxels:,}; {advice}."
         )
-    advice = f"choose an origin near the map, or {_ADVICE}"
-    check_places(places, voxel_size, advice=advice)
+    check_places(places, voxel_size, advice=f"choose an origin near the map, or {advice}")
     return low.astype(np.int64), (int(size[0]), int(size[1]), int(size[2]))

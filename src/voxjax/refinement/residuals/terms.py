@@ -4,12 +4,15 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from equinox import AbstractVar
+from jax.core import Tracer
 from jaxtyping import Float, Int32, PyTree
 
 from ... import rigid
-from ..._checks import check_list, check_type
+from ..._checks import InputError, check_list, check_type
 from ..._types import Array
 from ...ops.evidence.lookup import turn_columns
 from .losses import Loss, robust_factor
@@ -64,12 +67,27 @@ def check_terms(name: str, terms: object) -> tuple[Term, ...]:
     """Return terms as a tuple.
 
     Raises:
-        InputError: If `terms` is no list, such as one term alone, or holds something else.
+        InputError: If `terms` is no list, such as one term alone, holds something else, or a term with NaN.
     """
     checked = check_list(name, terms, "terms")
     for number, term in enumerate(checked):
         check_type(f"{name}[{number}]", term, Term, "make it from voxjax.refinement")
+        for path, leaf in jax.tree_util.tree_leaves_with_path(term):
+            if _has_nan(leaf):
+                where = f"{name}[{number}]{jax.tree_util.keystr(path)}"
+                raise InputError(
+                    f"{where} must hold numbers, but some are NaN; leave those rows, or that term, out."
+                )
     return tuple(checked)
+
+
+def _has_nan(leaf: object) -> bool:
+    """Whether a part of a term holds NaN, whose cost compares as no worse than any other."""
+    # What is traced has no values yet.
+    if isinstance(leaf, Tracer):
+        return False
+    values = np.asarray(leaf)
+    return jnp.issubdtype(values.dtype, jnp.inexact) and bool(np.isnan(values).any())
 
 
 class Placed(NamedTuple):
