@@ -17,3 +17,5 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]
     not_converged = "The refinement stopped at its step limit before it converged."
     no_overlap = "No pose is supported by the maps' occupied and free space."
     ambiguous = "Several poses explain the maps almost equally well."
+    mirrored = "A map seems to be mirrored; flip one of its axes."
+    scaled = "A map seems to have another scale or unit of length; bring both to metres."

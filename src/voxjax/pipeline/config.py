@@ -12,6 +12,7 @@ from .._checks import InputError, shown
 from .._settings import Settings, check_setting, setting
 from ..maps.settings import MapConfig
 from ..planes.settings import PlaneConfig
+from ..registration.causes.settings import CauseConfig
 from ..registration.hypotheses.settings import (
     DescriptorConfig,
     EvidenceConfig,
@@ -56,6 +57,7 @@ class Config:
         evidence: How much conflicts weigh beside hits.
         leader: How many hypotheses survive each stage, and by how many points they are compared.
         verdict: When a pose is accepted.
+        cause: When a mirrored map and one of another scale are looked for.
         pose: The last refinement.
         paper: The preset "paper", which uses no other group but the weight of conflicts in `evidence`.
     """
@@ -71,6 +73,7 @@ class Config:
     evidence: EvidenceConfig = dataclasses.field(default_factory=EvidenceConfig)
     leader: LeaderConfig = dataclasses.field(default_factory=LeaderConfig)
     verdict: VerdictConfig = dataclasses.field(default_factory=VerdictConfig)
+    cause: CauseConfig = dataclasses.field(default_factory=CauseConfig)
     pose: PoseConfig = dataclasses.field(default_factory=PoseConfig)
     paper: PaperConfig = dataclasses.field(default_factory=PaperConfig)
 

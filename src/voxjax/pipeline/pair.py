@@ -25,6 +25,7 @@ from ..registration.judging.verdict import Finding, decide
 from ..registration.paper.register import register_paper
 from ..registration.types import Registration
 from .as_registration import nothing_found, registration_of
+from .causes import explain
 from .config import Config, PoseConfig, config_from
 from .features import features_at, working_voxel
 from .hypotheses import first_hypotheses, other_hypotheses
@@ -172,6 +173,9 @@ def register_features(
     # The second round may find nothing either; then there is no pose to refine.
     if len(leaders.poses) == 0:
         return nothing_found(finding.reason, RESULTS.too_few_corners, counts | {"seconds": stages.seconds})
+    # Where something speaks against the pose, map b may be mirrored, or have another scale.
+    decided = partial(decide, settings=settings.verdict, **known)
+    explained = explain(a, b, leaders, finding, decide=decided, settings=settings, stages=stages)
 
     # The pose: the best leader, refined once more against both maps, with its covariance.
     with stages.stage("verdict"):
@@ -183,11 +187,13 @@ def register_features(
     found = registration_of(
         pose,
         leaders,
-        finding,
+        explained.finding,
         settings.verdict,
         num_voxels=num_voxels,
-        stats=counts | {"seconds": stages.seconds},
+        stats=counts | explained.stats | {"seconds": stages.seconds},
     )
+    if explained.result is not None:
+        found = replace(found, result=explained.result)
     return found.from_local(a.origin, b.origin)
 
 

@@ -124,6 +124,9 @@ def _pair_report(a: int, b: int, registration: Registration, middle_b: np.ndarra
         # At what voxel size the maps were compared, and why; None where nothing was.
         "working_voxel_size": stats.get("voxel_size"),
         "working_voxel_reason": stats.get("voxel_size_reason"),
+        # What was found of them where the best pose was looked at again; None where it was not.
+        "handedness": stats.get("handedness"),
+        "scale": stats.get("scale"),
         "num_isolated": [stats.get(f"num_isolated_{name}", 0) for name in "ab"],
         "seconds": stats.get("seconds", {}),
     }

@@ -77,7 +77,9 @@ class Registration(eqx.Module):
         stats: "num_associations", "clique_size", "num_hypotheses", "seconds" ({stage: s}), "free_space" ("observed",
             "inferred" or "unknown", the worse of both maps), "num_isolated_a" and "num_isolated_b" (occupied voxels far
             away from the rest of their map, which are left aside, `maps/isolated.py`), "voxel_size" at which the maps
-            were compared [m] and "voxel_size_reason"; "num_corners_a" and
+            were compared [m] and "voxel_size_reason"; "scale" (what the lengths of map b would have to be multiplied
+            by, and the standard error of its logarithm) and, where something spoke against the pose, "handedness"
+            (scores of map b and of its mirror image); "num_corners_a" and
             "num_corners_b" only where corners were looked for, that is where the first round of hypotheses did not
             decide.
     """

@@ -42,6 +42,14 @@ class LateFeatures:
         self._finest_level: int | None = None
         self._descriptors: dict[tuple[bool, int], MapDescriptors] = {}
 
+    def of(self, grid: VoxelGrid) -> "LateFeatures":
+        """Those of another map, with the same settings; nothing is computed yet.
+
+        Args:
+            grid: The other map.
+        """
+        return LateFeatures(grid, self._max_virtual, self._planes, self._settings)
+
     @property
     def corners(self) -> Corners:
         """Observed and virtual corners."""

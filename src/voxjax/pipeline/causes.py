@@ -1,0 +1,191 @@
+"""What is wrong with map b where the verdict on its best pose leaves doubts: it is mirrored, or has another scale."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .._results import RESULTS
+from ..registration.causes.coarse_search import coarse_starts
+from ..registration.causes.handedness import (
+    best_score,
+    conflict_share,
+    is_better,
+    is_questionable,
+    mirrored_finding,
+)
+from ..registration.causes.scale import best_similarity, is_other_scale, scaled_finding
+from ..registration.causes.similarity import Similarity, Start
+from ..registration.hypotheses.changed_features import mirrored_features, scaled_features
+from ..registration.hypotheses.map_features import MapFeatures
+from ..registration.hypotheses.proposals import Proposals
+from ..registration.judging.conflict_pieces import weigh_pieces
+from ..registration.judging.judgement import Judgement
+from ..registration.judging.leaders import Leaders, find_leaders, refine_poses
+from ..registration.judging.verdict import Finding
+from .config import Config
+from .stage_times import Stages
+from .wide import coarser_features, needed_coarsening
+
+Decide = Callable[[Judgement], Finding]
+
+
+class Explained(NamedTuple):
+    """A verdict after its causes were looked for.
+
+    Attributes:
+        finding: The verdict; that of before where no cause was found.
+        result: What was found; None for nothing.
+        stats: Figures of what was tried, for the report: "handedness", "scale".
+    """
+
+    finding: Finding
+    result: RESULTS | None
+    stats: dict[str, Any]
+
+
+def explain(
+    a: MapFeatures,
+    b: MapFeatures,
+    leaders: Leaders,
+    finding: Finding,
+    *,
+    decide: Decide,
+    settings: Config,
+    stages: Stages,
+) -> Explained:
+    """Look for what explains the maps better than the best pose of map b as it is, where something speaks against it.
+
+    Args:
+        a: First map.
+        b: Second map.
+        leaders: Distinct poses, best first.
+        finding: The verdict on the first.
+        decide: The verdict on a judgement of leaders of these maps.
+        settings: Settings of the stages.
+        stages: Keeps the seconds.
+    """
+    cause, stats = settings.cause, {}
+    with stages.measure("causes"):
+        # This takes some hundredths of a second; a scale that is wrong by a few percent may contradict nothing.
+        near = _similarity_of(a, b, [Start(1.0, leaders.poses[0])], settings)
+        is_contradicted = is_questionable(leaders, finding, cause)
+        if not is_contradicted and (near is None or not is_other_scale(near, cause)):
+            return Explained(finding, None, {"scale": _figures(near)})
+        stages.announce("causes")
+        a, b, given = _searchable(a, b, leaders, settings)
+        if is_contradicted:
+            mirrored = _mirrored(a, b, given, finding, decide, settings)
+            if mirrored.result is not None:
+                return mirrored
+            stats = mirrored.stats
+        scaled = _scaled(a, b, given, finding, decide, settings)
+        return scaled._replace(stats=stats | scaled.stats)
+
+
+def _searchable(
+    a: MapFeatures, b: MapFeatures, leaders: Leaders, settings: Config
+) -> tuple[MapFeatures, MapFeatures, Leaders]:
+    """Both maps in voxels in which all translations can be searched, and the leaders in them."""
+    factor = needed_coarsening(a, b, settings)
+    if factor == 1:
+        return a, b, leaders
+    a, b = (coarser_features(each, factor, settings) for each in (a, b))
+    passed = Proposals(leaders.poses, leaders.sources, len(leaders.poses), {})
+    return a, b, find_leaders(a.prepared, b.prepared, passed, settings.leader, settings.evidence)
+
+
+def _mirrored(
+    a: MapFeatures, b: MapFeatures, given: Leaders, finding: Finding, decide: Decide, settings: Config
+) -> Explained:
+    """The verdict after the mirror image of map b was searched for in map a."""
+    mirrored = _leaders_of(a, mirrored_features(b), settings)
+    found = decide(mirrored.judgement)
+    figures = {
+        "score": best_score(given),
+        "mirrored_score": best_score(mirrored),
+        "mirrored_conflict": conflict_share(mirrored.judgement),
+        "mirrored_confidence": found.confidence,
+    }
+    if not is_better(given, mirrored, found, settings.cause):
+        return Explained(finding, None, {"handedness": figures})
+    return Explained(
+        mirrored_finding(finding, given, mirrored, found), RESULTS.mirrored, {"handedness": figures}
+    )
+
+
+def _scaled(
+    a: MapFeatures, b: MapFeatures, given: Leaders, finding: Finding, decide: Decide, settings: Config
+) -> Explained:
+    """The verdict after map b was aligned with a scale, from its best poses and, where none is sure, from a search."""
+    cause = settings.cause
+    starts = [Start(1.0, pose) for pose in given.poses[: cause.num_judged]]
+    if finding.verdict != "accepted":
+        scales = np.exp(cause.scale_step * np.arange(-1, 2)).tolist()
+        starts += _starts_of(a, b, scales, cause.num_starts, settings)
+    best = _similarity_of(a, b, starts, settings)
+    figures = _figures(best) | {"score": best_score(given)}
+    if best is None or not is_other_scale(best, cause):
+        return Explained(finding, None, {"scale": figures})
+    # As all poses are: other ones of the scaled map may score as well.
+    scaled = _leaders_of(a, scaled_features(b, best.scale), settings, guess=best.T_a_b)
+    found = decide(scaled.judgement)
+    figures |= {"scaled_score": best_score(scaled), "scaled_confidence": found.confidence}
+    if not is_better(given, scaled, found, cause):
+        return Explained(finding, None, {"scale": figures})
+    return Explained(scaled_finding(finding, given, scaled, found, best), RESULTS.scaled, {"scale": figures})
+
+
+def _similarity_of(
+    a: MapFeatures, b: MapFeatures, starts: Sequence[Start], settings: Config
+) -> Similarity | None:
+    """`best_similarity` with the settings of all stages."""
+    weight = settings.evidence.conflict_weight
+    return best_similarity(
+        a, b, starts, settings=settings.cause, leader=settings.leader, conflict_weight=weight
+    )
+
+
+def _figures(found: Similarity | None) -> dict[str, float]:
+    """A scale and its error as the report gives them; without one, nothing is known of it."""
+    if found is None:
+        return {"scale": 1.0, "log_error": np.inf}
+    return {"scale": found.scale, "log_error": found.log_error}
+
+
+def _leaders_of(
+    a: MapFeatures, b: MapFeatures, settings: Config, *, guess: np.ndarray | None = None
+) -> Leaders:
+    """Leaders of a coarse search, and a guess."""
+    starts = _starts_of(a, b, (1.0,), settings.cause.num_leaders, settings)
+    leader = settings.leader
+    poses = refine_poses(
+        a.prepared,
+        b.prepared,
+        np.stack([start.T_a_b for start in starts]),
+        num_points=leader.num_rough_points,
+        num_steps=leader.num_rough_steps,
+        start_distance=leader.rough_start_distance,
+        final_distance=leader.rough_final_distance,
+    )
+    if guess is not None:
+        poses = np.concatenate([guess[None], poses])
+    proposed = Proposals(poses, ("exhaustive",) * len(poses), len(poses), {})
+    leaders = find_leaders(a.prepared, b.prepared, proposed, leader, settings.evidence)
+    return weigh_pieces(a.prepared, b.prepared, leaders, settings.verdict)
+
+
+def _starts_of(
+    a: MapFeatures, b: MapFeatures, scales: Sequence[float], num_starts: int, settings: Config
+) -> list[Start]:
+    """`coarse_starts` with the settings of all stages."""
+    return coarse_starts(
+        a,
+        b,
+        scales,
+        num_starts=num_starts,
+        settings=settings.cause,
+        source=settings.source,
+        rotation=settings.rotation,
+        evidence=settings.evidence,
+    )

@@ -1,0 +1,68 @@
+"""All translations with each of some scales of map b, on coarse cells: where alignments of a changed map start.
+
+On cells of several voxels a pose is found from afar, also one whose scale is wrong by a few percent, in a fraction of
+the time of the search at the cells of `ExhaustiveConfig`; but its place is no better than a cell, so that it is aligned
+before anything ranks it by finer evidence.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...maps.mirrored import scaled
+from ..hypotheses.exhaustive import exhaustive_hypotheses, upright_frame
+from ..hypotheses.map_features import MapFeatures
+from ..hypotheses.rotations import rotation_hypotheses
+from ..hypotheses.settings import EvidenceConfig, ExhaustiveConfig, RotationConfig, SourceConfig
+from .settings import CauseConfig
+from .similarity import Start
+
+
+def coarse_starts(
+    a: MapFeatures,
+    b: MapFeatures,
+    scales: Sequence[float],
+    *,
+    num_starts: int,
+    settings: CauseConfig,
+    source: SourceConfig,
+    rotation: RotationConfig,
+    evidence: EvidenceConfig,
+) -> list[Start]:
+    """The best translations of all rotations that the normals allow, best first.
+
+    Args:
+        a: First map.
+        b: Second map.
+        scales: What its lengths are multiplied by.
+        num_starts: How many starts are kept, of all scales together.
+        settings: How coarse cells are.
+        source: How many rotations.
+        rotation: How rotations are found.
+        evidence: How much conflicts weigh.
+    """
+    # A scale turns no normal: the rotations are those of the map as it is.
+    rotations, _ = rotation_hypotheses(
+        a.normals,
+        b.normals,
+        a.directions,
+        b.directions,
+        is_signed=a.prepared.has_free_space and b.prepared.has_free_space,
+        max_rotations=source.max_rotations,
+        settings=rotation,
+    )
+    poses, scores = [], []
+    for scale in scales:
+        found, score = exhaustive_hypotheses(
+            a.prepared,
+            b.prepared if scale == 1.0 else scaled(b.prepared, scale),
+            rotations,
+            upright_frame(a.directions, a.shares),
+            conflict_weight=evidence.coarse_conflict_weight,
+            num_peaks=settings.num_peaks,
+            settings=ExhaustiveConfig(max_cells=settings.max_cells),
+        )
+        poses += [Start(scale, pose) for pose in found]
+        scores.append(score)
+    order = np.argsort(-np.concatenate(scores), kind="stable")[:num_starts]
+    return [poses[row] for row in order]

@@ -1,0 +1,64 @@
+"""When a pose is questioned, and from when on another map b is believed; on judgements written by hand."""
+
+import numpy as np
+import pytest
+
+from hand_made_leaders import ACCEPTED, NOTHING, leaders
+from voxjax.registration.causes.handedness import (
+    best_score,
+    conflict_share,
+    is_better,
+    is_questionable,
+    mirrored_finding,
+)
+from voxjax.registration.causes.settings import CauseConfig
+from voxjax.registration.judging.judgement import no_judgement
+from voxjax.registration.judging.leaders import Leaders
+
+CAUSE = CauseConfig()
+NONE = Leaders(np.zeros((0, 4, 4)), no_judgement(6.0), ())
+
+
+@pytest.mark.parametrize(
+    ("given", "finding", "expected"),
+    [
+        (leaders(0.6, 0.003), ACCEPTED, False),
+        (leaders(0.6, 0.03), ACCEPTED, True),
+        (leaders(0.6, 0.003), NOTHING, True),
+        (NONE, NOTHING, True),
+    ],
+)
+def test_contradictions_and_refusals_are_questioned(given, finding, expected):
+    assert is_questionable(given, finding, CAUSE) == expected
+
+
+def test_shares_and_scores_of_nothing():
+    assert conflict_share(NONE.judgement) == 0.0
+    assert best_score(NONE) < 0.0
+    assert conflict_share(leaders(0.6, 0.2).judgement) == pytest.approx(0.25)
+    assert best_score(leaders(0.6, 0.01)) == pytest.approx(0.54)
+
+
+@pytest.mark.parametrize(
+    ("given", "changed", "found", "expected"),
+    [
+        (leaders(0.6, 0.04), leaders(0.6, 0.003), ACCEPTED, True),
+        (leaders(0.6, 0.003), leaders(0.6, 0.003), ACCEPTED, False),
+        (leaders(0.6, 0.003), leaders(0.62, 0.003), ACCEPTED, False),
+        (leaders(0.1, 0.1), leaders(0.6, 0.003), NOTHING, False),
+        (leaders(0.1, 0.1), leaders(0.1, 0.001), ACCEPTED, True),
+        (NONE, leaders(0.6, 0.003), ACCEPTED, True),
+    ],
+)
+def test_a_changed_map_must_be_accepted_and_score_clearly_more(given, changed, found, expected):
+    assert is_better(given, changed, found, CAUSE) == expected
+
+
+def test_the_reason_of_a_mirrored_map_has_the_figures_that_decided():
+    found = mirrored_finding(ACCEPTED, leaders(0.6, 0.04), leaders(0.62, 0.003), ACCEPTED)
+    assert found.verdict == "ambiguous"
+    # At most one of both poses is right.
+    assert found.confidence == pytest.approx(1.0 - ACCEPTED.confidence)
+    assert found.none == ACCEPTED.none
+    for figure in ("mirrored", "0.60", "0.36", "0.5 %", "6.2 %"):
+        assert figure in found.reason
