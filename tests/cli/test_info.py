@@ -7,6 +7,7 @@ import pytest
 
 from fake_register import cube_map
 from voxjax import VoxelGrid, read_map, write_map
+from voxjax.cli.info import _memory
 from voxjax.cli.main import main
 
 
@@ -53,3 +54,29 @@ def test_json_holds_numbers_alone(maps, capsys, voxel_size):
         assert "Infinity" not in shown.out
         assert "NaN" not in shown.out
         assert len(json.loads(shown.out)) == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("m.npz", "4.1 MB as dense arrays, as it is kept, no log-odds"),
+        ("m.bt", "0.2 MB in blocks, as it is kept (4.1 MB as dense arrays), no log-odds"),
+        ("m.zarr", "kept in its store and read as needed (4.1 MB as dense arrays), no log-odds"),
+    ],
+)
+def test_memory_is_told_as_kept_and_as_dense_arrays(folder, capsys, name, words):
+    states = np.zeros((160, 160, 160), np.uint8)
+    states[0, :, :] = states[-1, -1, -1] = 2
+    write_map(name, VoxelGrid(states, np.zeros(3), 0.1))
+    assert main(["info", name]) == 0
+    assert words in [line.strip() for line in capsys.readouterr().out.splitlines()]
+    assert main(["info", name, "--json"]) == 0
+    (entry,) = json.loads(capsys.readouterr().out)
+    assert entry["memory_bytes"] == 160**3
+    # 400 blocks that hold part of the wall and one with the far voxel, and their entries in the table.
+    assert entry["kept_bytes"] == {"m.npz": 160**3, "m.bt": 401 * 516, "m.zarr": None}[name]
+
+
+def test_blocks_that_were_not_counted_have_no_number():
+    entry = {"memory_bytes": 1 << 40, "kept_bytes": None, "kept": "blocks"}
+    assert _memory(entry) == "kept in blocks (1,099,511.6 MB as dense arrays)"

@@ -24,7 +24,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def described_facts(described: DescribedMap) -> dict:
-    """Counts, extents [m], voxel size [m], shares and memory [byte] of a map, and "remarks" about it."""
+    """Counts, extents [m], voxel size [m], shares and memory [byte] of a map, and "remarks" about it.
+
+    "memory_bytes" are those of dense arrays of the whole box, "kept_bytes" those of what is kept; null for a store.
+    """
     facts = described.facts
     counts = {"occupied": facts.num_occupied, "free": facts.num_free}
     counts["unknown"] = facts.num_voxels - sum(counts.values())
@@ -38,6 +41,8 @@ def described_facts(described: DescribedMap) -> dict:
         "shares": {name: count / max(facts.num_voxels, 1) for name, count in counts.items()},
         "log_odds": facts.has_log_odds,
         "memory_bytes": facts.num_bytes,
+        "kept": described.kept.form,
+        "kept_bytes": described.kept.num_bytes,
         "remarks": [remark.as_dict() for remark in described.remarks],
     }
 
@@ -52,5 +57,15 @@ def _lines(entry: dict) -> list[str]:
     for name, count in entry["counts"].items():
         lines.append(f"{name:<9}{count:>14,}  {100 * entry['shares'][name]:5.1f} %")
     odds = "with log-odds" if entry["log_odds"] else "no log-odds"
-    lines.append(f"{entry['memory_bytes'] / 1e6:.1f} MB as dense arrays, {odds}")
+    lines.append(f"{_memory(entry)}, {odds}")
     return lines + [f"{remark['text']}." for remark in entry["remarks"]]
+
+
+def _memory(entry: dict) -> str:
+    """What a map takes as it is kept, and what dense arrays would take."""
+    dense, size = f"{entry['memory_bytes'] / 1e6:,.1f} MB as dense arrays", entry["kept_bytes"]
+    if entry["kept"] == "dense":
+        return f"{dense}, as it is kept"
+    kept = "kept in its store and read as needed" if entry["kept"] == "store" else "kept in blocks"
+    kept = kept if size is None else f"{size / 1e6:,.1f} MB in blocks, as it is kept"
+    return f"{kept} ({dense})"

@@ -13,6 +13,7 @@ from .budget import Budget
 from .cloud_maps import ReadOptions as ReadOptions
 from .cloud_maps import cloud_map
 from .crop import crop_grid
+from .kept_memory import KeptMemory, memory_of_leaves
 from .map_facts import MapFacts, facts_of_leaves
 from .npz import decode_npz
 from .octomap import chosen_leaves, decode_bt, decode_ot
@@ -68,8 +69,10 @@ def decode_store(path: Path, options: ReadOptions) -> tuple[VoxelGrid, list[Rema
     return grid, remarks
 
 
-def describe_tree(data: bytes, ending: str, options: ReadOptions) -> tuple[MapFacts, list[Remark]]:
-    """Figures of an octree at its own voxel size, of which nothing dense is made, and what was seen.
+def describe_tree(
+    data: bytes, ending: str, options: ReadOptions
+) -> tuple[MapFacts, list[Remark], KeptMemory]:
+    """Figures of an octree at its own voxel size, of which no grid is made, what was seen, and what memory it takes.
 
     Args:
         data: The whole file.
@@ -87,7 +90,7 @@ def describe_tree(data: bytes, ending: str, options: ReadOptions) -> tuple[MapFa
         drop_isolated=options.drop_isolated,
         note=found.append,
     )
-    return facts_of_leaves(leaves), _piece_remarks(found, options)
+    return facts_of_leaves(leaves), _piece_remarks(found, options), memory_of_leaves(leaves, budget)
 
 
 def with_box_remarks(remarks: list[Remark], facts: MapFacts) -> tuple[Remark, ...]:

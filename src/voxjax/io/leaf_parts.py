@@ -67,26 +67,27 @@ class CutLeaves(NamedTuple):
     block: np.ndarray
 
 
-def cut_leaves(leaves: LeafMap, canvas: Canvas) -> CutLeaves:
+def cut_leaves(leaves: LeafMap, canvas: Canvas, *, has_table: bool = True) -> CutLeaves:
     """Cut the leaves of a map at the borders of blocks.
 
     Args:
         leaves: The map, which is not empty.
         canvas: The grid that is in blocks.
+        has_table: Whether blocks are told apart by a table of the whole lattice, which is faster than to sort them.
     """
-    rows, parts, boxes = _Rows(lattice_shape(canvas.shape)), [], []
+    lattice = lattice_shape(canvas.shape)
+    rows, parts, boxes = _Rows(lattice) if has_table else _Numbers(lattice), [], []
     for level in leaves.levels:
         for piece in pieces(level):
             inner, rest = _cut(leaves, canvas, piece, rows)
             parts.append(rest)
             if len(inner.value):
                 boxes.append(inner)
-    kind = leaves.levels[0].value.dtype
+    kind, all_parts = leaves.levels[0].value.dtype, Parts(*map(np.concatenate, zip(*parts, strict=True)))
     nothing = Boxes(np.zeros((0, 3), np.int32), np.zeros((0, 3), np.int32), np.zeros(0, kind))
     return CutLeaves(
         Boxes(*map(np.concatenate, zip(nothing, *boxes, strict=True))),
-        Parts(*map(np.concatenate, zip(*parts, strict=True))),
-        rows.blocks(),
+        *rows.in_order(all_parts),
     )
 
 
@@ -121,12 +122,29 @@ class _Rows:
         row -= 1
         return row
 
-    def blocks(self) -> np.ndarray:
-        """The blocks that were seen, int64 (m,), by their numbers in the lattice."""
-        return np.concatenate(self._seen)
+    def in_order(self, parts: Parts) -> tuple[Parts, np.ndarray]:
+        """The parts, and the blocks that were seen, int64 (m,), by their numbers in the lattice."""
+        return parts, np.concatenate(self._seen)
 
 
-def _cut(leaves: LeafMap, canvas: Canvas, level: Leaves, rows: _Rows) -> tuple[Boxes, Parts]:
+class _Numbers:
+    """Blocks by their numbers in the lattice, which may have any number of them: sorted at the end, without a table."""
+
+    def __init__(self, lattice: tuple[int, int, int]) -> None:
+        self._lattice = lattice
+
+    def of(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """Numbers int64 of blocks, given by their places in the lattice."""
+        _, ny, nz = self._lattice
+        return (x.astype(np.int64) * ny + y) * nz + z
+
+    def in_order(self, parts: Parts) -> tuple[Parts, np.ndarray]:
+        """The parts, which count the blocks that have some, and the numbers of these, int64 (m,)."""
+        block, row = np.unique(parts.cell >> 9, return_inverse=True)
+        return parts._replace(cell=row.reshape(-1) << 9 | parts.cell & 511), block
+
+
+def _cut(leaves: LeafMap, canvas: Canvas, level: Leaves, rows: "_Rows | _Numbers") -> tuple[Boxes, Parts]:
     """Cut some leaves of one width."""
     first, size = cells_of(leaves, canvas, level)
     first = [along.astype(np.int32, copy=False) for along in first]
@@ -151,7 +169,7 @@ def _cut(leaves: LeafMap, canvas: Canvas, level: Leaves, rows: _Rows) -> tuple[B
     return boxes, Parts(_cells(rows, low), size, level.value[leaf])
 
 
-def _cells(rows: _Rows, low: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
+def _cells(rows: "_Rows | _Numbers", low: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
     """Cells int64 (n,) as `Parts` has them, from places along x, y, z."""
     row = rows.of(*(along >> 3 for along in low)).astype(np.int64)
     return row << 9 | _cell_number(*(along & 7 for along in low))

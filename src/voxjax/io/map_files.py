@@ -14,6 +14,7 @@ from ..maps.findings import Remark
 from .crop import EmptyCrop, check_crop
 from .decoding import TREE_ENDINGS, ReadOptions, decode_map, decode_store, describe_tree, with_box_remarks
 from .files import read_bytes
+from .kept_memory import KeptMemory, memory_of_grid
 from .map_facts import MapFacts, facts_of_grid
 from .npz import encode_npz
 from .octomap import check_reach, encode_bt, encode_ot
@@ -49,10 +50,12 @@ class DescribedMap(NamedTuple):
     Attributes:
         facts: What the map holds.
         remarks: As in `LoadedMap`.
+        kept: How the map is kept when it is read, and what memory that takes.
     """
 
     facts: MapFacts
     remarks: tuple[Remark, ...]
+    kept: KeptMemory
 
 
 def read_map(
@@ -193,11 +196,11 @@ def describe_map(
     options = ReadOptions(voxel_size, crop, drop_isolated, strict, None, None, None, None, looks=True)
     if ending not in TREE_ENDINGS or voxel_size is not None:
         grid, remarks = _load(path, options)
-        facts = facts_of_grid(grid)
+        facts, memory = facts_of_grid(grid), memory_of_grid(grid)
     else:
         with _naming(path):
-            facts, remarks = describe_tree(read_bytes(path), ending, options)
-    return DescribedMap(facts, with_box_remarks(remarks, facts))
+            facts, remarks, memory = describe_tree(read_bytes(path), ending, options)
+    return DescribedMap(facts, with_box_remarks(remarks, facts), memory)
 
 
 def _load(path: Path, options: ReadOptions) -> tuple[VoxelGrid, list[Remark]]:
