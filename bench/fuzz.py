@@ -6,6 +6,8 @@ Each reader gets edited copies of small files, stores with edited files in them,
 process of its own that may take 1 GB and 10 s for a file. An exception other than `InputError`, a warning, a sentence
 of several lines, a process that dies, or takes more memory or time is a failure: the file is kept in the output folder,
 a store as an archive, and the exit code is 1.
+
+Takes about 10 minutes for each of five readers, on two cores.
 """
 
 import argparse

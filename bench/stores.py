@@ -6,6 +6,8 @@ Each map is written as .bt, .npz and .zarr and read back whole; without names th
 of test maps, or a generated one where that is not there. Seconds are of the processor, the least of a few rounds in
 which the formats take turns; memory is the peak that Python and NumPy took beside the map, in a round of its own. A
 store is also opened, which reads none of it, and written and read with log-odds, made from the states.
+
+Takes about 20 s of the processor, on two cores.
 """
 
 import argparse

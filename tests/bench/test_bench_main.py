@@ -15,6 +15,17 @@ def test_every_benchmark_is_listed_with_a_sentence(capsys):
     assert all(name in printed and sentence in printed for name, sentence in known.items())
 
 
+def test_run_times_are_listed_where_they_are_known(capsys):
+    times = command.run_times()
+    assert {"docs", "stores", "fuzz"} <= set(times) < set(command.benchmarks())
+    assert all(text.startswith("about ") for text in times.values())
+    assert command.main(["--help"]) == 0
+    lines = {line.split()[0]: line for line in capsys.readouterr().out.splitlines()}
+    assert all(lines[name].endswith(f"[{text}]") for name, text in times.items())
+    assert not lines["verdict_fit"].endswith("]")
+    assert "two cores" in lines["Times"]
+
+
 def test_an_unknown_name_is_exit_code_2(capsys):
     assert command.main(["no_such_benchmark"]) == 2
     assert "registration" in capsys.readouterr().err

@@ -150,7 +150,12 @@ def _add_merge(commands) -> None:
     command.add_argument(
         "-o", "--output", required=True, metavar="OUT", help="the fused map: .bt, .ot, .npz, .zarr, .ply"
     )
-    command.add_argument("--report", metavar="R.json", help="poses, verdicts, numbers and times as JSON")
+    command.add_argument(
+        "--report",
+        metavar="R.json",
+        help="poses, verdicts, numbers and times as JSON; corners that no pair needed are found for it, which can take "
+        "as long as the registration",
+    )
     command.add_argument("--picture", metavar="P.png", help="all maps and the fused one as a picture")
     command.add_argument(
         "--html", metavar="V.html", help="a page to turn the fused map around in (voxjax[view])"

@@ -174,5 +174,9 @@ def _lattice_box(
             f"points span {extent} m, which is {np.prod(size):.3g} voxels of {voxel_size:g} m, above the "
             f"limit of {max_voxels:,}; {advice}."
         )
-    check_places(places, voxel_size, advice=f"choose an origin near the map, or {advice}")
+    check_places(
+        places,
+        voxel_size,
+        advice=f"choose an origin near the map (shift of vx.read_map, voxjax convert --shift), or {advice}",
+    )
     return low.astype(np.int64), (int(size[0]), int(size[1]), int(size[2]))

@@ -127,7 +127,7 @@ def check_places(
     places: np.ndarray,
     voxel_size: float,
     *,
-    advice: str = "choose an origin near the map",
+    advice: str = "choose an origin near the map (VoxelGrid.placed, voxjax convert --shift)",
 ) -> None:
     """Refuse places [m] where float64 does not tell hundredths of a voxel apart.
 
