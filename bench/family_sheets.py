@@ -16,11 +16,19 @@ def draw_sheet(pair: MapPair, path: Path) -> None:
     T = np.eye(4) if pair.T_a_b is None else pair.T_a_b
     a = pair.a.occupied_points().astype(np.float64)
     b = pair.b.occupied_points().astype(np.float64) @ T[:3, :3].T + T[:3, 3]
-    figure, axes = plt.subplots(2, 4, figsize=(22, 11), layout="constrained")
     size = max(pair.a.voxel_size, pair.b.voxel_size)
+    low = np.minimum(a.min(axis=0), b.min(axis=0)) - size
+    high = np.maximum(a.max(axis=0), b.max(axis=0)) + size
+    # Rows are as high as what they show, within limits.
+    shares = np.clip((high - low)[1:] / (high - low)[0], 0.25, 1.5)
+    figure, axes = plt.subplots(
+        2,
+        4,
+        figsize=(22, 1.5 + 5.5 * shares.sum()),
+        layout="constrained",
+        gridspec_kw={"height_ratios": shares},
+    )
     for row, (u, v) in zip(axes, ((0, 1), (0, 2)), strict=True):
-        low = np.minimum(a.min(axis=0), b.min(axis=0)) - size
-        high = np.maximum(a.max(axis=0), b.max(axis=0)) + size
         bins = [np.arange(low[k], high[k] + size, size) for k in (u, v)]
         images = [np.log1p(np.histogram2d(p[:, u], p[:, v], bins)[0].T) for p in (a, b)]
         extent = (low[u], bins[0][-1], low[v], bins[1][-1])

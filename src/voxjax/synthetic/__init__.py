@@ -1,7 +1,8 @@
 """Generated worlds: buildings, robots that map them, and the truth to compare with.
 
 The demo, the tests and the benchmarks take their maps from here. Start at `simulate_team`, which gives the maps of
-several robots, their true poses and the true corners.
+several robots, their true poses and the true corners. Places that are no buildings, and storeys of one plan, are in
+`voxjax.synthetic.families`.
 """
 
 from .building import Building as Building

@@ -41,3 +41,18 @@ def test_any_part_lies_on_the_way():
     parts = [any_part(np.random.default_rng(seed), Points(10, 4)) for seed in range(30)]
     assert {part.start for part in parts} == set(range(7))
     assert all(len(part) == 4 for part in parts)
+
+
+class Loop(Points):
+    """A robot whose way leads there and back."""
+
+    def cloud(self, numbers):
+        places = (min(n, self.length - 1 - n) for n in numbers)
+        return np.concatenate([super(Loop, self).cloud(range(n, n + 1)) for n in places])
+
+
+def test_ways_that_come_back_do_not_trap_the_search():
+    for seed in range(8):
+        a, b = Loop(100, 20), Loop(100, 20)
+        first, second = choose_parts(np.random.default_rng(seed), a, b, 0.15, 0.01)
+        np.testing.assert_allclose(shared(a.cloud(first), b.cloud(second), 0.01), 0.15, atol=0.03)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from voxjax.synthetic.families import make_place
-from voxjax.synthetic.families.surveys import alike, single_scans, unlike
+from voxjax.synthetic.families.surveys import alike, part_of_many, single_scans, unlike
 
 PLACE = make_place("garage", 0)
 
@@ -23,6 +23,12 @@ def test_like_robots_have_one_voxel_size_and_unlike_noise():
 def test_single_scans_meet_single_scans_and_maps_of_many():
     extents = [(a.extent > 0.0, b.extent > 0.0) for a, b in _draws(single_scans)]
     assert set(extents) == {(False, False), (False, True), (True, False)}
+
+
+def test_one_map_is_a_part_of_what_the_other_covers():
+    ratios = [a.extent / b.extent for a, b in _draws(part_of_many)]
+    assert all(max(ratio, 1.0 / ratio) > 2.5 for ratio in ratios)
+    assert min(ratios) < 1.0 < max(ratios)
 
 
 def test_unlike_robots_differ_in_sensor_and_voxel_size():

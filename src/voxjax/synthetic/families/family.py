@@ -18,7 +18,7 @@ from .room import make_room
 from .stairwell import make_stairwell
 from .storeys import make_storey
 from .street import make_street
-from .surveys import alike, single_scans, unlike
+from .surveys import alike, part_of_many, single_scans, unlike
 from .terrain import simulate_terrain
 from .tunnel import make_tunnel
 from .visitor import Survey, Visitor
@@ -37,9 +37,15 @@ PLACES: dict[str, Callable[[np.random.Generator, np.random.Generator], Place]] =
 }
 """What draws a place, by its kind."""
 
-FAMILIES: tuple[str, ...] = (*PLACES, "terrain", "scans", "sensors")
-"""Kinds of places, rolling terrain from the air, and two families of all places outdoors and in: single scans, and
-maps of different sensors and voxel sizes."""
+FAMILIES: tuple[str, ...] = (*PLACES, "terrain", "scans", "parts", "sensors")
+"""Kinds of places, rolling terrain from the air, and three families that meet several kinds: single scans, small maps
+within large ones, and maps of different sensors and voxel sizes."""
+
+_MIXED: dict[str, tuple[tuple[str, ...], Callable[[np.random.Generator, Place], tuple[Survey, Survey]]]] = {
+    "scans": (("street", "forest", "garage", "warehouse", "mine"), single_scans),
+    "parts": (("street", "storeys", "tunnel", "mine", "forest"), part_of_many),
+    "sensors": (("street", "storeys", "garage", "warehouse", "tunnel"), unlike),
+}
 
 
 def make_place(kind: str, seed: int, *, style: int | None = None) -> Place:
@@ -96,11 +102,8 @@ def simulate_family(
             frame=frame,
             has_free_space=has_free_space,
         )
-    kind, draw = family, alike
-    if family == "scans":
-        kind, draw = str(rng.choice(("street", "forest", "garage", "warehouse", "mine"))), single_scans
-    elif family == "sensors":
-        kind, draw = str(rng.choice(("street", "storeys", "garage", "warehouse", "tunnel"))), unlike
+    kinds, draw = _MIXED.get(family, ((family,), alike))
+    kind = kinds[int(rng.integers(len(kinds)))]
     place = make_place(kind, seed)
     # The other place has a seed that no place of a plain seed has.
     other = (

@@ -19,7 +19,7 @@ def make_garage(style: np.random.Generator, rng: np.random.Generator) -> Place:
     """
     bay, height = float(style.uniform(7.4, 8.2)), float(style.uniform(2.7, 3.1))
     stall, beams = 2.5, bool(style.random() < 0.5)
-    length = float(rng.integers(4, 7)) * bay
+    length = float(rng.integers(5, 8)) * bay
     width, occupied = 33.0, float(rng.uniform(0.3, 0.8))
     floors = 3
     core = rng.uniform((0.2 * length, 3.0), (0.8 * length, 5.0))
@@ -29,10 +29,16 @@ def make_garage(style: np.random.Generator, rng: np.random.Generator) -> Place:
         fixed += moved(
             _floor(length, width, height, bay, beams, core, floor, floors), np.asarray([0.0, 0.0, z])
         )
-        for y, yaw in ((2.6, 0.5 * np.pi), (13.8, -0.5 * np.pi), (19.2, 0.5 * np.pi), (30.4, -0.5 * np.pi)):
-            for x in np.arange(9.0, length - 9.0, stall):
+        # Lanes cross between the two middle rows, which are shorter.
+        for y, yaw, first, last in (
+            (2.6, 0.5, 0.3, length - 5.0),
+            (13.8, -0.5, 6.6, length - 9.5),
+            (19.2, 0.5, 6.6, length - 9.5),
+            (30.4, -0.5, 0.3, length - 5.0),
+        ):
+            for x in np.arange(first, last - stall, stall):
                 at = np.asarray([x + 0.5 * stall, y, z])
-                pieces.append((_car(rng, at, yaw, occupied), _car(rng, at, yaw, occupied)))
+                pieces.append((_car(rng, at, yaw * np.pi, occupied), _car(rng, at, yaw * np.pi, occupied)))
     path = _path(length, height + _SLAB, floors)
     path[:, 2] += rng.uniform(1.2, 1.9)
     return Place(

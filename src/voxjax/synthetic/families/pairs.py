@@ -22,28 +22,28 @@ def choose_parts(
     """
     total = min(len(a), len(b))
     is_back = bool(rng.integers(2))
-    # Enough of the way is left before b for parts that see nothing of each other.
-    start = int(rng.integers(max(total - 2 * (a.num_scans + b.num_scans), 0) + 1))
-
-    def parts(shift: int) -> tuple[range, range]:
-        first = range(start, start + a.num_scans)
-        second = range(start + shift, start + shift + b.num_scans)
-        if is_back:
-            return _turned(first, total), _turned(second, total)
-        return first, second
-
-    low, high = 0, max(total - b.num_scans - start, 0)
-    best, error = 0, np.inf
-    while low <= high:
-        shift = (low + high) // 2
-        first, second = parts(shift)
-        share = shared(a.cloud(first), b.cloud(second), reach)
-        # Shares are compared as ratios: 0.05 instead of 0.1 is as far off as 0.4 instead of 0.8.
-        gap = abs(np.log((share + 1e-3) / (overlap + 1e-3)))
-        if gap < error:
-            best, error = shift, gap
-        low, high = (shift + 1, high) if share > overlap else (low, shift - 1)
-    return parts(best)
+    best, error = (range(0), range(0)), np.inf
+    # A way that comes back to where it was shares more again farther on, where a search can be trapped.
+    for _ in range(4):
+        # Enough of the way is left before b for parts that see nothing of each other.
+        start = int(rng.integers(max(total - 2 * (a.num_scans + b.num_scans), 0) + 1))
+        low, high = 0, max(total - b.num_scans - start, 0)
+        while low <= high:
+            shift = (low + high) // 2
+            first = range(start, start + a.num_scans)
+            second = range(start + shift, start + shift + b.num_scans)
+            parts = (_turned(first, total), _turned(second, total)) if is_back else (first, second)
+            share = shared(a.cloud(parts[0]), b.cloud(parts[1]), reach)
+            # Shares are compared as ratios: 0.05 instead of 0.1 is as far off as 0.4 instead of 0.8.
+            gap = abs(np.log((share + 1e-3) / (overlap + 1e-3)))
+            if gap < error:
+                best, error = parts, gap
+            if gap < 0.05:
+                break
+            low, high = (shift + 1, high) if share > overlap else (low, shift - 1)
+        if error < np.log(1.25):
+            break
+    return best
 
 
 def shared(a: np.ndarray, b: np.ndarray, reach: float) -> float:

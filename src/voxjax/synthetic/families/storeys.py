@@ -18,7 +18,7 @@ def make_storey(style: np.random.Generator, rng: np.random.Generator) -> Place:
         rng: Source of all else.
     """
     width, height = float(style.uniform(15.0, 24.0)), float(style.uniform(2.5, 3.1))
-    clutter = float(style.uniform(0.8, 2.0))
+    clutter = float(style.uniform(1.2, 2.5))
     building = make_building(rng, clutter=0.0, num_rows=3, width=width, height=height)
     fixed = [
         (footprint, float(z[0]), float(z[1]), str(kind))

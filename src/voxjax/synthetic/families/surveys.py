@@ -1,4 +1,4 @@
-"""How two robots map a place: alike, by single scans, or with different sensors and voxel sizes."""
+"""How two robots map a place: alike, by single scans, a part of what the other maps, or with different sensors."""
 
 from dataclasses import replace
 
@@ -26,6 +26,14 @@ def single_scans(rng: np.random.Generator, place: Place) -> tuple[Survey, Survey
         return scan, replace(_survey(rng, place, sparse, voxel_size), extent=0.0)
     many = _survey(rng, place, place.sensor, voxel_size)
     return (many, scan) if rng.random() < 0.5 else (scan, many)
+
+
+def part_of_many(rng: np.random.Generator, place: Place) -> tuple[Survey, Survey]:
+    """A short way and one that is several times as long, with the sensor of the place."""
+    first, second = alike(rng, place)
+    long = replace(first, extent=float(rng.uniform(1.3, 1.9)) * place.extent[1])
+    short = replace(second, extent=float(rng.uniform(0.4, 1.0)) * place.extent[0])
+    return (long, short) if rng.random() < 0.5 else (short, long)
 
 
 def unlike(rng: np.random.Generator, place: Place) -> tuple[Survey, Survey]:

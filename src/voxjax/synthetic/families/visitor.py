@@ -49,7 +49,7 @@ class Visitor:
         rng = np.random.default_rng([*seed, 0])
         self._poses = walk(rng, place, scene)
         self._believed = draw_drift(rng, self._poses, survey.drift)
-        self.num_scans = min(1 + round(survey.extent / place.step), max(len(self._poses) // 2, 1))
+        self.num_scans = min(1 + round(survey.extent / place.step), max(4 * len(self._poses) // 5, 1))
         """How many scans make its map."""
 
     def __len__(self) -> int:
