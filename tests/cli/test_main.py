@@ -17,6 +17,7 @@ from fake_register import cube_map
 from voxjax import VoxelGrid, write_map
 from voxjax.cli.main import main
 from voxjax.io import DescribedMap
+from voxjax.io.kept_memory import memory_of_grid
 from voxjax.io.map_facts import facts_of_grid
 
 UNUSABLE = {
@@ -142,7 +143,7 @@ def test_warnings_are_sentences(monkeypatch, maps, capsys):
 
     def describe_map(path, **options):
         warnings.warn("something\n is odd", RuntimeWarning, stacklevel=1)
-        return DescribedMap(facts_of_grid(cube_map(0)), ())
+        return DescribedMap(facts_of_grid(cube_map(0)), (), memory_of_grid(cube_map(0)))
 
     monkeypatch.setattr(info, "describe_map", describe_map)
     with warnings.catch_warnings():

@@ -134,7 +134,8 @@ def scaled_finding(
         f"Map b seems to be {'larger' if size > 0 else 'smaller'} by {100 * abs(size):.1f} %: with its lengths times "
         f"{similarity.scale:.4f} it lies in map a with a score of {best_score(scaled):.2f} and "
         f"{100 * conflict_share(scaled.judgement):.1f} % of what meets in conflict, as it is with "
-        f"{best_score(given):.2f} and {100 * conflict_share(given.judgement):.1f} %; bring both maps to metres."
+        f"{best_score(given):.2f} and {100 * conflict_share(given.judgement):.1f} %; bring both maps to metres "
+        "(voxjax convert --scale, VoxelGrid.placed)."
     )
     # At most one of both is right.
     return Finding("ambiguous", min(finding.confidence, 1.0 - found.confidence), reason, finding.none)
