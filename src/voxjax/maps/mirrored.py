@@ -106,5 +106,6 @@ def scaled(prepared: PreparedMap, factor: float) -> PreparedMap:
         for name in ("points", "anchors")
     }
     parts = {**lists, "centroid": np.asarray(prepared.centroid) * np.float32(factor)}
-    larger = VoxelGrid(grid.state_blocks(), np.asarray(grid.origin) * factor, grid.voxel_size * factor)
+    states = grid.state_blocks() if grid.is_sparse else grid.states
+    larger = VoxelGrid(states, np.asarray(grid.origin) * factor, grid.voxel_size * factor)
     return replace(prepared, grid=larger, **to_device(parts))

@@ -1,6 +1,7 @@
 """What is wrong with map b where the verdict on its best pose leaves doubts: it is mirrored, or has another scale."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,14 +21,18 @@ from ..registration.hypotheses.changed_features import mirrored_features, scaled
 from ..registration.hypotheses.map_features import MapFeatures
 from ..registration.hypotheses.proposals import Proposals
 from ..registration.judging.conflict_pieces import weigh_pieces
-from ..registration.judging.judgement import Judgement
+from ..registration.judging.judgement import Judgement, judge_poses, no_judgement
 from ..registration.judging.leaders import Leaders, find_leaders, refine_poses
 from ..registration.judging.verdict import Finding
 from .config import Config
 from .stage_times import Stages
-from .wide import coarser_features, needed_coarsening
+from .wide import coarser_features
 
 Decide = Callable[[Judgement], Finding]
+
+LEAST_SHARE = 0.8
+"""A changed map b that scores less than this share of map b as it is once it is roughly aligned explains no more: the
+last alignment gains less than a fifth."""
 
 
 class Explained(NamedTuple):
@@ -50,6 +55,7 @@ def explain(
     leaders: Leaders,
     finding: Finding,
     *,
+    factor: int,
     decide: Decide,
     settings: Config,
     stages: Stages,
@@ -61,6 +67,7 @@ def explain(
         b: Second map.
         leaders: Distinct poses, best first.
         finding: The verdict on the first.
+        factor: How many times as wide voxels must be for the search of all translations (`needed_coarsening`).
         decide: The verdict on a judgement of leaders of these maps.
         settings: Settings of the stages.
         stages: Keeps the seconds.
@@ -70,10 +77,10 @@ def explain(
         # This takes some hundredths of a second; a scale that is wrong by a few percent may contradict nothing.
         near = _similarity_of(a, b, [Start(1.0, leaders.poses[0])], settings)
         is_contradicted = is_questionable(leaders, finding, cause)
-        if not is_contradicted and (near is None or not is_other_scale(near, cause)):
+        if not is_contradicted and (near is None or not is_other_scale(near[0], cause)):
             return Explained(finding, None, {"scale": _figures(near)})
         stages.announce("causes")
-        a, b, given = _searchable(a, b, leaders, settings)
+        a, b, given = _searchable(a, b, leaders, factor, settings)
         if is_contradicted:
             mirrored = _mirrored(a, b, given, finding, decide, settings)
             if mirrored.result is not None:
@@ -84,10 +91,9 @@ def explain(
 
 
 def _searchable(
-    a: MapFeatures, b: MapFeatures, leaders: Leaders, settings: Config
+    a: MapFeatures, b: MapFeatures, leaders: Leaders, factor: int, settings: Config
 ) -> tuple[MapFeatures, MapFeatures, Leaders]:
     """Both maps in voxels in which all translations can be searched, and the leaders in them."""
-    factor = needed_coarsening(a, b, settings)
     if factor == 1:
         return a, b, leaders
     a, b = (coarser_features(each, factor, settings) for each in (a, b))
@@ -99,7 +105,7 @@ def _mirrored(
     a: MapFeatures, b: MapFeatures, given: Leaders, finding: Finding, decide: Decide, settings: Config
 ) -> Explained:
     """The verdict after the mirror image of map b was searched for in map a."""
-    mirrored = _leaders_of(a, mirrored_features(b), settings)
+    mirrored = _leaders_of(a, mirrored_features(b), given, settings)
     found = decide(mirrored.judgement)
     figures = {
         "score": best_score(given),
@@ -125,10 +131,11 @@ def _scaled(
         starts += _starts_of(a, b, scales, cause.num_starts, settings)
     best = _similarity_of(a, b, starts, settings)
     figures = _figures(best) | {"score": best_score(given)}
-    if best is None or not is_other_scale(best, cause):
+    if best is None or not is_other_scale(best[0], cause) or best[1] < LEAST_SHARE * best_score(given):
         return Explained(finding, None, {"scale": figures})
+    best = best[0]
     # As all poses are: other ones of the scaled map may score as well.
-    scaled = _leaders_of(a, scaled_features(b, best.scale), settings, guess=best.T_a_b)
+    scaled = _leaders_of(a, scaled_features(b, best.scale), given, settings, guess=best.T_a_b)
     found = decide(scaled.judgement)
     figures |= {"scaled_score": best_score(scaled), "scaled_confidence": found.confidence}
     if not is_better(given, scaled, found, cause):
@@ -138,7 +145,7 @@ def _scaled(
 
 def _similarity_of(
     a: MapFeatures, b: MapFeatures, starts: Sequence[Start], settings: Config
-) -> Similarity | None:
+) -> tuple[Similarity, float] | None:
     """`best_similarity` with the settings of all stages."""
     weight = settings.evidence.conflict_weight
     return best_similarity(
@@ -146,33 +153,47 @@ def _similarity_of(
     )
 
 
-def _figures(found: Similarity | None) -> dict[str, float]:
+def _figures(found: tuple[Similarity, float] | None) -> dict[str, float]:
     """A scale and its error as the report gives them; without one, nothing is known of it."""
     if found is None:
         return {"scale": 1.0, "log_error": np.inf}
-    return {"scale": found.scale, "log_error": found.log_error}
+    return {"scale": found[0].scale, "log_error": found[0].log_error}
 
 
 def _leaders_of(
-    a: MapFeatures, b: MapFeatures, settings: Config, *, guess: np.ndarray | None = None
+    a: MapFeatures, b: MapFeatures, given: Leaders, settings: Config, *, guess: np.ndarray | None = None
 ) -> Leaders:
-    """Leaders of a coarse search, and a guess."""
+    """Leaders of a changed map b; the best pose alone, roughly judged, where that is far below the given ones.
+
+    Args:
+        a: First map.
+        b: The changed map.
+        given: Leaders of the maps as they are.
+        settings: Settings of the stages.
+        guess: A pose (4, 4) of the changed map where one is known, beside which the search finds its rivals.
+    """
+    map_a, map_b, leader, weight = a.prepared, b.prepared, settings.leader, settings.evidence.conflict_weight
     starts = _starts_of(a, b, (1.0,), settings.cause.num_leaders, settings)
-    leader = settings.leader
-    poses = refine_poses(
-        a.prepared,
-        b.prepared,
-        np.stack([start.T_a_b for start in starts]),
+    poses = [start.T_a_b for start in starts] if guess is None else [guess, *(s.T_a_b for s in starts)]
+    if not poses:
+        return Leaders(np.zeros((0, 4, 4), np.float32), no_judgement(weight), ())
+    aligned = refine_poses(
+        map_a,
+        map_b,
+        np.stack(poses),
         num_points=leader.num_rough_points,
         num_steps=leader.num_rough_steps,
         start_distance=leader.rough_start_distance,
         final_distance=leader.rough_final_distance,
     )
-    if guess is not None:
-        poses = np.concatenate([guess[None], poses])
-    proposed = Proposals(poses, ("exhaustive",) * len(poses), len(poses), {})
-    leaders = find_leaders(a.prepared, b.prepared, proposed, leader, settings.evidence)
-    return weigh_pieces(a.prepared, b.prepared, leaders, settings.verdict)
+    sources = ("exhaustive",) * len(aligned)
+    judged = judge_poses(map_a, map_b, aligned, num_points=leader.num_rough_judges, conflict_weight=weight)
+    if judged.score().max() < LEAST_SHARE * best_score(given):
+        return Leaders(aligned, judged, sources).take(np.argsort(-judged.score(), kind="stable")[:1])
+    proposed = Proposals(aligned, sources, len(aligned), {})
+    fewer = replace(leader, num_refined=min(leader.num_refined, settings.cause.num_refined))
+    leaders = find_leaders(map_a, map_b, proposed, fewer, settings.evidence)
+    return weigh_pieces(map_a, map_b, leaders, settings.verdict)
 
 
 def _starts_of(

@@ -175,7 +175,9 @@ def register_features(
         return nothing_found(finding.reason, RESULTS.too_few_corners, counts | {"seconds": stages.seconds})
     # Where something speaks against the pose, map b may be mirrored, or have another scale.
     decided = partial(decide, settings=settings.verdict, **known)
-    explained = explain(a, b, leaders, finding, decide=decided, settings=settings, stages=stages)
+    explained = explain(
+        a, b, leaders, finding, factor=factor, decide=decided, settings=settings, stages=stages
+    )
 
     # The pose: the best leader, refined once more against both maps, with its covariance.
     with stages.stage("verdict"):

@@ -25,8 +25,10 @@ def test_the_best_of_many_starts_is_found_by_evidence(pair):
     for row, pose in enumerate(wrong):
         pose[row % 3, 3] += 3.0
     starts = [Start(1.0, pose) for pose in (*wrong[:2], truth, *wrong[2:])]
-    found = best_similarity(a, scaled_features(b, 1.05), starts, **OPTIONS)
-    assert found is not None
+    best = best_similarity(a, scaled_features(b, 1.05), starts, **OPTIONS)
+    assert best is not None
+    found, score = best
+    assert score > 0.6
     assert abs(found.scale * 1.05 - 1.0) < 0.015
     np.testing.assert_allclose(found.T_a_b, truth, atol=0.15)
     assert is_other_scale(found, CAUSE)
@@ -36,7 +38,7 @@ def test_a_map_as_it_should_be_has_no_other_scale(pair):
     a, b, truth = pair
     found = best_similarity(a, b, [Start(1.0, truth.astype(np.float32))], **OPTIONS)
     assert found is not None
-    assert not is_other_scale(found, CAUSE)
+    assert not is_other_scale(found[0], CAUSE)
     assert best_similarity(a, b, [], **OPTIONS) is None
 
 

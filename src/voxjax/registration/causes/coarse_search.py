@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...maps.mirrored import scaled
+from ..hypotheses.distinct import distinct_rows
 from ..hypotheses.exhaustive import exhaustive_hypotheses, upright_frame
 from ..hypotheses.map_features import MapFeatures
 from ..hypotheses.rotations import rotation_hypotheses
@@ -29,7 +30,7 @@ def coarse_starts(
     rotation: RotationConfig,
     evidence: EvidenceConfig,
 ) -> list[Start]:
-    """The best translations of all rotations that the normals allow, best first.
+    """Distinct poses of the best translations of all rotations that the normals allow, best first.
 
     Args:
         a: First map.
@@ -64,5 +65,16 @@ def coarse_starts(
         )
         poses += [Start(scale, pose) for pose in found]
         scores.append(score)
-    order = np.argsort(-np.concatenate(scores), kind="stable")[:num_starts]
-    return [poses[row] for row in order]
+    if not poses:
+        return []
+    # A pose comes once, with the scale at which it scores best: from its neighbours alignment leads to the same one.
+    centroid = np.asarray(b.prepared.centroid, np.float64)
+    rows = distinct_rows(
+        np.stack([start.T_a_b[:3, :3] for start in poses]),
+        np.stack([start.matrix[:3, :3] @ centroid + start.matrix[:3, 3] for start in poses]),
+        scores=np.concatenate(scores),
+        metres=settings.distinct_voxels * a.prepared.grid.voxel_size,
+        degrees=settings.distinct_degrees,
+        max_count=num_starts,
+    )
+    return [poses[row] for row in rows]

@@ -32,8 +32,8 @@ def best_similarity(
     settings: CauseConfig,
     leader: LeaderConfig,
     conflict_weight: float,
-) -> Similarity | None:
-    """The similarity with the best evidence; None where none is found.
+) -> tuple[Similarity, float] | None:
+    """The similarity with the best evidence, and its score by some voxels; None where none is found.
 
     Args:
         a: First map.
@@ -48,25 +48,37 @@ def best_similarity(
     if len(starts) > settings.num_judged:
         # From afar by few points, and what is far outside of the scales that were searched is let go: there alignment
         # has shrunk map b onto a single surface.
-        found = _aligned(map_a, map_b, starts, settings.num_rough_points, start_distance, settings, leader)
+        found = _aligned(
+            map_a,
+            map_b,
+            starts,
+            settings.num_rough_points,
+            start_distance,
+            settings,
+            leader,
+            with_error=False,
+        )
         found = [each for each in found if abs(np.log(each.scale)) <= 2.0 * settings.scale_step]
         scores = _quick_scores(map_a, map_b, found, leader.num_quick_points, conflict_weight)
         starts = [found[row].start for row in np.argsort(-scores, kind="stable")[: settings.num_judged]]
         start_distance = leader.fine_start_distance
     found = _aligned(map_a, map_b, starts, settings.num_points, start_distance, settings, leader)
-    judged = [
-        judge_poses(
-            map_a,
-            scaled(map_b, each.scale),
-            each.T_a_b[None],
-            num_points=leader.num_rough_judges,
-            conflict_weight=conflict_weight,
+    if not found:
+        return None
+    scores = [
+        float(
+            judge_poses(
+                map_a,
+                scaled(map_b, each.scale),
+                each.T_a_b[None],
+                num_points=leader.num_rough_judges,
+                conflict_weight=conflict_weight,
+            ).score()[0]
         )
         for each in found
-        if len(found) > 1
     ]
-    scores = [float(each.score()[0]) for each in judged]
-    return found[int(np.argmax(scores)) if scores else 0] if found else None
+    row = int(np.argmax(scores))
+    return found[row], scores[row]
 
 
 def _aligned(
@@ -77,6 +89,8 @@ def _aligned(
     start_distance: float,
     settings: CauseConfig,
     leader: LeaderConfig,
+    *,
+    with_error: bool = True,
 ) -> list[Similarity]:
     """Similarities that alignments from some starts lead to, side by side."""
     align = partial(
@@ -86,6 +100,7 @@ def _aligned(
         num_steps=settings.num_steps,
         start_distance=start_distance,
         final_distance=leader.fine_final_distance,
+        with_error=with_error,
     )
     return spread(lambda start: align(start.T_a_b, scale=start.scale), starts)
 

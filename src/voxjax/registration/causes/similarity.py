@@ -29,6 +29,13 @@ class Start(NamedTuple):
     scale: float
     T_a_b: Float[np.ndarray, "4 4"]
 
+    @property
+    def matrix(self) -> Float[np.ndarray, "4 4"]:
+        """float64 (4, 4), maps points of map b as it is into a."""
+        T = self.T_a_b.astype(np.float64)
+        T[:3, :3] *= self.scale
+        return T
+
 
 class Similarity(NamedTuple):
     """How map b lies in map a once all its lengths are multiplied.
@@ -53,9 +60,7 @@ class Similarity(NamedTuple):
     @property
     def matrix(self) -> Float[np.ndarray, "4 4"]:
         """float64 (4, 4), maps points of map b as it is into a."""
-        T = self.T_a_b.astype(np.float64)
-        T[:3, :3] *= self.scale
-        return T
+        return self.start.matrix
 
 
 class Samples(NamedTuple):
@@ -110,6 +115,7 @@ def align_similarity(
     num_steps: int,
     start_distance: float,
     final_distance: float,
+    with_error: bool = True,
 ) -> Similarity:
     """Align map b to the surfaces of a, with a scale of all its lengths.
 
@@ -121,6 +127,7 @@ def align_similarity(
         num_steps: Steps, at least one.
         start_distance: Robust scale at which the alignment starts [voxel].
         final_distance: Robust scale at which it ends [voxel].
+        with_error: Whether the error of the scale is estimated, which takes as long as some steps; else it is infinite.
     """
     linear, shift = scale * T_a_b[:3, :3].astype(np.float64), T_a_b[:3, 3].astype(np.float64)
     voxel, log_scale, log_error, agreement = a.grid.voxel_size, np.log(scale), np.inf, 0.0
@@ -136,10 +143,8 @@ def align_similarity(
         centre = np.average(found.places, axis=0, weights=found.weights)
         jacobian = _jacobian(found, centre)
         if step == num_steps:
-            log_error, agreement = (
-                _log_error(found, jacobian, voxel),
-                found.weights.sum() / len(samples.points),
-            )
+            log_error = _log_error(found, jacobian, voxel) if with_error else np.inf
+            agreement = found.weights.sum() / len(samples.points)
             break
         change = _solve(*_equations(jacobian, found))
         # A start that meets few points must not be thrown farther than matches are looked for, nor turned far.
