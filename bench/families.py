@@ -76,6 +76,9 @@ def family_pair(family: str, role: str, seed: int, *, has_free_space: bool = Tru
     frame = FRAMES[seed // 4 % len(FRAMES)]
     bins = ((0.05, 0.09), (0.1, 0.2), (0.2, 0.8), (0.2, 0.8))
     low, high = bins[seed % 4 if role == "same" else 3]
+    if role == "storey":
+        # What little of two storeys meets may have no furniture, and nothing tells them apart then.
+        low, high = 0.5, 0.9
     found = simulate_family(
         family,
         seed,

@@ -9,8 +9,10 @@ from ... import rigid
 from ..._checks import InputError
 from ..team import Frame, draw_frame
 from ._types import FamilyMaps
+from .campus import make_campus
 from .forest import make_forest
 from .garage import make_garage
+from .hall import make_hall
 from .mine import make_mine
 from .pairs import any_part, choose_parts
 from .place import Place
@@ -34,6 +36,8 @@ PLACES: dict[str, Callable[[np.random.Generator, np.random.Generator], Place]] =
     "street": make_street,
     "forest": make_forest,
     "room": make_room,
+    "hall": make_hall,
+    "campus": make_campus,
 }
 """What draws a place, by its kind."""
 
