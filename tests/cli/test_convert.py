@@ -70,7 +70,7 @@ def test_maps_are_scaled_and_moved(maps, capsys):
     assert moved.voxel_size == grid.voxel_size * 0.001
     np.testing.assert_array_equal(moved.origin, np.asarray(grid.origin) * 0.001 + [450000.5, 5.4e6, 0.125])
     np.testing.assert_array_equal(moved.states, grid.states)
-    capsys.readouterr()
+    assert one_line(capsys).startswith("voxjax: m0.npz as a.npz: the map lies 5,4")
     # What a format cannot hold is said, with what helps.
     assert main(["convert", "m0.npz", "a.bt", "--shift", "0.1,0,0"]) == 2
     assert "origin at whole multiples of the voxel size 0.5 m" in one_line(capsys)

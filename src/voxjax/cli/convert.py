@@ -14,7 +14,9 @@ def run(args: argparse.Namespace) -> int:
     check_outputs([(args.output, ENDINGS)], force=args.force, inputs=[args.input])
     # The names were checked before: reading takes long, and a refusal afterwards would waste it.
     loaded = load_map(args.input, **reading_options(args), scale=args.scale, shift=args.shift)
-    warn_of_remarks([loaded], [args.input])
+    # What is said of a map that was scaled or moved is true of it where it lies now.
+    is_placed = args.scale != 1.0 or any(args.shift)
+    warn_of_remarks([loaded], [f"{args.input} as {args.output}" if is_placed else args.input])
     grid = loaded.grid
     write_files({args.output: encode_map(args.output, grid)}, force=args.force)
     tell(f"{args.output}: {grid!r}")
