@@ -16,7 +16,7 @@ def make_hall(style: np.random.Generator, rng: np.random.Generator) -> Place:
     """
     bay, height = float(style.uniform(4.0, 6.0)), float(style.uniform(5.5, 10.0))
     column, sill = float(style.uniform(0.4, 0.9)), float(style.uniform(0.9, 2.0))
-    bays, width = int(rng.integers(9, 14)), float(rng.uniform(18.0, 28.0))
+    bays, width = int(rng.integers(12, 19)), float(rng.uniform(18.0, 28.0))
     length, aside = bays * bay, float(style.uniform(2.5, 4.5))
     fixed = _shell(bays, bay, width, height, sill)
     for k in range(1, bays):
@@ -28,7 +28,7 @@ def make_hall(style: np.random.Generator, rng: np.random.Generator) -> Place:
         ]
     fixed += _ends(rng, length, width, height, aside)
     pieces = []
-    for _ in range(int(rng.integers(25, 45))):
+    for _ in range(int(rng.integers(40, 70))):
         at = rng.uniform((4.0, aside + 0.8), (length - 5.0, width - aside - 0.8))
         pieces.append((_thing(rng, at), _thing(rng, at)))
     lanes = []
@@ -42,11 +42,11 @@ def make_hall(style: np.random.Generator, rng: np.random.Generator) -> Place:
             level_beams=np.radians(np.linspace(-22.0, 22.0, 18)),
             upright_beams=np.radians(np.linspace(-55.0, 55.0, 14)),
             num_azimuths=260,
-            max_range=15.0,
+            max_range=13.0,
             people=0.8,
         ),
         voxel_size=0.18,
-        extent=(22.0, 45.0),
+        extent=(18.0, 36.0),
         step=2.2,
         sway=0.5,
         warp=draw_warp(rng, 0.015, (1.5, 20.0)),

@@ -70,5 +70,6 @@ def _spinning(place: Place, beams: int, half_angle: float, azimuths: int) -> Lid
 def _survey(rng: np.random.Generator, place: Place, sensor: Lidar | DepthCamera, voxel_size: float) -> Survey:
     """How noisy the sensor of a robot is, how far it goes, and how well it knows where it is."""
     noisy = replace(sensor, range_noise=sensor.range_noise * float(rng.uniform(0.6, 1.5)))
-    drift = float(rng.uniform(0.1, 0.5)) * place.voxel_size
+    # Robots with coarse voxels know where they are as well as those with fine ones.
+    drift = min(float(rng.uniform(0.1, 0.5)) * place.voxel_size, 0.06)
     return Survey(noisy, round(voxel_size, 3), float(rng.uniform(*place.extent)), drift)
