@@ -100,12 +100,10 @@ def scaled(prepared: PreparedMap, factor: float) -> PreparedMap:
         prepared: The map.
         factor: Above 0.
     """
-    grid, count = prepared.grid, prepared.num_points
+    count = prepared.num_points
     lists = {
         name: as_table(np.asarray(getattr(prepared, name))[:count] * np.float32(factor), len(prepared.points))
         for name in ("points", "anchors")
     }
     parts = {**lists, "centroid": np.asarray(prepared.centroid) * np.float32(factor)}
-    states = grid.state_blocks() if grid.is_sparse else grid.states
-    larger = VoxelGrid(states, np.asarray(grid.origin) * factor, grid.voxel_size * factor)
-    return replace(prepared, grid=larger, **to_device(parts))
+    return replace(prepared, grid=prepared.grid.placed(scale=factor), **to_device(parts))

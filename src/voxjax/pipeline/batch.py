@@ -1,16 +1,19 @@
 """Many pairs of maps: features once a map, however many pairs it is in."""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from .._checks import InputError, check_list
 from .._runtime.forks import refused_after_fork
 from ..grid import VoxelGrid, check_grids
+from ..registration.causes.units import far_unit
 from ..registration.hypotheses.map_features import MapFeatures
 from ..registration.types import Registration
 from .config import Config, config_from
 from .features import features_at, working_voxel
 from .pair import register, register_features
+from .units import in_feet
 
 
 @refused_after_fork
@@ -59,15 +62,15 @@ def register_batch(
 
     results = []
     for number, (a, b) in enumerate(pairs):
-        # `register` has the sentence for empty maps; features need voxels.
-        if a.num_occupied == 0 or b.num_occupied == 0:
+        # `register` has the sentence for empty maps, and for maps in different units; features need voxels.
+        if a.num_occupied == 0 or b.num_occupied == 0 or far_unit(a, b) is not None:
             found = register(a, b, config=settings, gravity_aligned=gravity_aligned)
         else:
             voxel = working_voxel([a, b], settings)
             features_a, features_b = (features_of(grid, voxel.size) for grid in (a, b))
-            found = voxel.noted(
-                register_features(features_a, features_b, config=settings, gravity_aligned=gravity_aligned)
-            )
+            options = {"config": settings, "gravity_aligned": gravity_aligned}
+            found = register_features(features_a, features_b, **options)
+            found = voxel.noted(in_feet(a, b, found, partial(register, **options)))
         results.append(found)
         if on_pair is not None:
             on_pair(number, found)

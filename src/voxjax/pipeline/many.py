@@ -24,6 +24,7 @@ from .merged import Merge, Status
 from .pair import register, register_features
 from .pose_graph import chain_poses, loop_errors, spanning_tree
 from .stage_times import OnStage, Stages
+from .units import in_feet, in_odd_units
 
 
 @refused_after_fork
@@ -93,12 +94,14 @@ def merge(
                 "on_stage": partial(_announce_of, stages, f"maps {a} and {b}"),
             }
             features_a, features_b = features[a], features[b]
-            # Maps without an occupied voxel go the same way as those of the paper: `register` has a sentence
-            # for them.
+            # Maps without an occupied voxel, and those in another unit, go the same way as those of the paper:
+            # `register` has a sentence for them.
             if features_a is None or features_b is None or voxel is None:
                 found = register(grids[a], grids[b], preset=preset, **options)
             else:
-                found = voxel.noted(register_features(features_a, features_b, **options))
+                found = register_features(features_a, features_b, **options)
+                again = partial(register, config=settings, gravity_aligned=gravity_aligned)
+                found = voxel.noted(in_feet(grids[a], grids[b], found, again))
             pairs.append((a, b, found))
 
     # 3. Poses along the best tree of accepted pairs.
@@ -144,9 +147,10 @@ def _check(grids: Sequence[VoxelGrid], init_guess: object) -> None:
 def _features_of_all(
     grids: Sequence[VoxelGrid], settings: Config, stages: Stages
 ) -> tuple[list[Any], WorkingVoxel | None]:
-    """`MapFeatures` of each map, None for a map with nothing occupied, and their voxel size; None if all are empty."""
-    # An empty map must not decide the voxel size at which the others are compared.
-    filled = [number for number, grid in enumerate(grids) if grid.num_occupied]
+    """`MapFeatures` of each map and their voxel size; None for empty maps and those in another unit, and if all are."""
+    # Neither an empty map nor one in another unit must decide the voxel size at which the others are compared.
+    odd = in_odd_units(grids)
+    filled = [number for number, grid in enumerate(grids) if grid.num_occupied and number not in odd]
     features: list[MapFeatures | None] = [None] * len(grids)
     if not filled:
         return features, None

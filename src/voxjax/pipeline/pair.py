@@ -16,6 +16,7 @@ from ..frames import to_local
 from ..grid import VoxelGrid, check_grid
 from ..maps.main_part import main_part
 from ..refinement.refine import Refinement, refine
+from ..registration.causes.units import far_unit
 from ..registration.hypotheses.map_features import MapFeatures, worse_free_space
 from ..registration.hypotheses.pose_range import PoseRange
 from ..registration.hypotheses.proposals import Proposals
@@ -31,6 +32,7 @@ from .features import features_at, working_voxel
 from .hypotheses import first_hypotheses, other_hypotheses
 from .memory_need import check_register_memory
 from .stage_times import Stages
+from .units import in_feet, in_other_unit
 from .wide import finer_factors, leaders_by_coarser_copies, leaders_through_copies, needed_coarsening
 
 
@@ -91,6 +93,12 @@ def register(
         stages.announce("the paper's pipeline")
         found = register_paper(a, b, settings.paper, conflict_weight=settings.evidence.conflict_weight)
         return replace(found, stats=found.stats | _isolated(isolated_a, isolated_b))
+    again = partial(register, config=settings, gravity_aligned=gravity_aligned)
+    # At a voxel size that suits both, one of the maps would vanish in a voxel.
+    unit = far_unit(a, b)
+    named = None if unit is None else in_other_unit(a, b, unit, again)
+    if named is not None:
+        return named
     voxel = working_voxel([a, b], settings)
     check_register_memory([a, b], voxel.size)
     with stages.stage("features"):
@@ -106,7 +114,7 @@ def register(
         on_stage=on_stage,
         seconds=stages.seconds,
     )
-    return voxel.noted(found)
+    return voxel.noted(in_feet(a, b, found, again))
 
 
 def register_features(

@@ -11,7 +11,8 @@ class CauseConfig(Settings, table="cause"):
 
     Attributes:
         max_clean_conflict: An accepted pose with at most this share of conflicts among the voxels that hit or conflict
-            is not questioned: clean maps of one place have less, mirrored ones more.
+            is not questioned: a mirrored building that is nearly its own mirror image has 1 %, and less where it is so
+            wholly that nobody could tell.
         min_gain: How much more than the pose of map b as it is its best pose must score once map b is mirrored, as a
             share of the former.
         max_cells: Cells of the blocks in which translations are searched, at most, where the widest cells allow it.
@@ -33,7 +34,7 @@ class CauseConfig(Settings, table="cause"):
         num_judged: Best poses that are aligned at last, and judged.
     """
 
-    max_clean_conflict: float = setting(0.01, low=0.0, high=1.0)
+    max_clean_conflict: float = setting(0.005, low=0.0, high=1.0)
     min_gain: float = setting(0.05, low=0.0, high=100.0)
     max_cells: int = setting(60_000, low=1, high=1_000_000_000)
     num_peaks: int = setting(8, low=1, high=1_000)
