@@ -113,7 +113,7 @@ def _mirrored(
         "mirrored_conflict": conflict_share(mirrored.judgement),
         "mirrored_confidence": found.confidence,
     }
-    if not is_better(given, mirrored, found, settings.cause):
+    if not is_better(finding, given, mirrored, found, settings.cause):
         return Explained(finding, None, {"handedness": figures})
     return Explained(
         mirrored_finding(finding, given, mirrored, found), RESULTS.mirrored, {"handedness": figures}
@@ -138,7 +138,7 @@ def _scaled(
     scaled = _leaders_of(a, scaled_features(b, best.scale), given, settings, guess=best.T_a_b)
     found = decide(scaled.judgement)
     figures |= {"scaled_score": best_score(scaled), "scaled_confidence": found.confidence}
-    if not is_better(given, scaled, found, cause):
+    if not is_better(finding, given, scaled, found, cause):
         return Explained(finding, None, {"scale": figures})
     return Explained(scaled_finding(finding, given, scaled, found, best), RESULTS.scaled, {"scale": figures})
 

@@ -16,6 +16,7 @@ from voxjax.registration.judging.judgement import no_judgement
 from voxjax.registration.judging.leaders import Leaders
 
 CAUSE = CauseConfig()
+UNSURE = ACCEPTED._replace(verdict="ambiguous", confidence=0.7)
 NONE = Leaders(np.zeros((0, 4, 4)), no_judgement(6.0), ())
 
 
@@ -40,18 +41,20 @@ def test_shares_and_scores_of_nothing():
 
 
 @pytest.mark.parametrize(
-    ("given", "changed", "found", "expected"),
+    ("finding", "given", "changed", "found", "expected"),
     [
-        (leaders(0.6, 0.04), leaders(0.6, 0.003), ACCEPTED, True),
-        (leaders(0.6, 0.003), leaders(0.6, 0.003), ACCEPTED, False),
-        (leaders(0.6, 0.003), leaders(0.62, 0.003), ACCEPTED, False),
-        (leaders(0.1, 0.1), leaders(0.6, 0.003), NOTHING, False),
-        (leaders(0.1, 0.1), leaders(0.1, 0.001), ACCEPTED, True),
-        (NONE, leaders(0.6, 0.003), ACCEPTED, True),
+        (ACCEPTED, leaders(0.6, 0.04), leaders(0.6, 0.003), ACCEPTED, True),
+        (ACCEPTED, leaders(0.6, 0.003), leaders(0.6, 0.003), ACCEPTED, False),
+        (ACCEPTED, leaders(0.6, 0.003), leaders(0.62, 0.003), ACCEPTED, False),
+        (ACCEPTED, leaders(0.6, 0.04), leaders(0.6, 0.003), UNSURE, False),
+        (NOTHING, leaders(0.1, 0.02), leaders(0.6, 0.003), UNSURE, True),
+        (NOTHING, leaders(0.1, 0.1), leaders(0.6, 0.003), NOTHING, False),
+        (NOTHING, leaders(0.1, 0.1), leaders(0.1, 0.001), ACCEPTED, True),
+        (NOTHING, NONE, leaders(0.6, 0.003), ACCEPTED, True),
     ],
 )
-def test_a_changed_map_must_be_accepted_and_score_clearly_more(given, changed, found, expected):
-    assert is_better(given, changed, found, CAUSE) == expected
+def test_a_changed_map_must_be_believed_and_score_clearly_more(finding, given, changed, found, expected):
+    assert is_better(finding, given, changed, found, CAUSE) == expected
 
 
 def test_the_reason_of_a_mirrored_map_has_the_figures_that_decided():

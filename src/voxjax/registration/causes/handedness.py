@@ -28,16 +28,21 @@ def is_questionable(leaders: Leaders, finding: Finding, settings: CauseConfig) -
     return finding.verdict != "accepted" or conflict_share(leaders.judgement) > settings.max_clean_conflict
 
 
-def is_better(given: Leaders, changed: Leaders, found: Finding, settings: CauseConfig) -> bool:
+def is_better(
+    finding: Finding, given: Leaders, changed: Leaders, found: Finding, settings: CauseConfig
+) -> bool:
     """Whether a changed map b explains both maps clearly better than map b as it is.
 
     Args:
-        given: Leaders of the maps as they are.
+        finding: The verdict on the first of the leaders of the maps as they are.
+        given: These leaders.
         changed: Leaders of map a and the changed map b.
         found: The verdict on the first of these.
         settings: How much better is clearly better.
     """
-    if found.verdict != "accepted":
+    # To take an acceptance back asks for another one; where there is none, a cause is named that is more probable than
+    # not.
+    if found.verdict != "accepted" and (finding.verdict == "accepted" or found.confidence <= 0.5):
         return False
     return best_score(changed) > (1.0 + settings.min_gain) * max(best_score(given), 0.0)
 
