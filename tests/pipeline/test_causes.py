@@ -74,6 +74,16 @@ def test_different_places_are_neither_mirrored_nor_scaled(maps):
     assert "causes" in found.stats["seconds"]
 
 
+def test_wide_maps_are_questioned_in_their_coarser_copies():
+    a = draw_map(seen=((-0.3, -0.3, -0.3), (9.4, 4.3, 3.0)), voxel_size=0.1)
+    b = draw_map(T_MAP_WORLD, seen=((-0.3, -0.3, -0.3), (6.5, 8.4, 3.0)), voxel_size=0.1)
+    wide = {**FIRST_ROUND, "exhaustive": {"most_cells": 2000}}
+    for changed, result in ((b, RESULTS.successful), (mirrored_grid(b), RESULTS.mirrored)):
+        found = register(a, changed, config=wide)
+        assert found.stats["coarse_voxel_size"] > 0.1
+        assert found.result == result
+
+
 def test_a_right_pose_with_contradictions_stays_accepted(maps):
     # Things that were moved contradict, and neither the mirror image nor another scale explains them.
     moved = ((0.5, 0.2, 0.0), (2.1, 1.0, 0.8)), *FURNITURE[2:], ((3.0, 2.4, 0.0), (4.1, 3.1, 1.9))

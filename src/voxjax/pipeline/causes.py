@@ -19,6 +19,7 @@ from ..registration.causes.scale import best_similarity, is_other_scale, scaled_
 from ..registration.causes.similarity import Similarity, Start
 from ..registration.hypotheses.changed_features import mirrored_features, scaled_features
 from ..registration.hypotheses.map_features import MapFeatures
+from ..registration.hypotheses.pose_range import PoseRange
 from ..registration.hypotheses.proposals import Proposals
 from ..registration.judging.conflict_pieces import weigh_pieces
 from ..registration.judging.judgement import Judgement, judge_poses, no_judgement
@@ -26,7 +27,7 @@ from ..registration.judging.leaders import Leaders, find_leaders, refine_poses
 from ..registration.judging.verdict import Finding
 from .config import Config
 from .stage_times import Stages
-from .wide import coarser_features
+from .wide import coarser_features, finer_factors, leaders_through_copies
 
 Decide = Callable[[Judgement], Finding]
 
@@ -49,63 +50,54 @@ class Explained(NamedTuple):
     stats: dict[str, Any]
 
 
-def explain(
-    a: MapFeatures,
-    b: MapFeatures,
-    leaders: Leaders,
-    finding: Finding,
-    *,
-    factor: int,
-    decide: Decide,
-    settings: Config,
-    stages: Stages,
-) -> Explained:
-    """Look for what explains the maps better than the best pose of map b as it is, where something speaks against it.
+class Questioned(NamedTuple):
+    """Two maps and what is said of them.
 
-    Args:
+    Attributes:
         a: First map.
         b: Second map.
         leaders: Distinct poses, best first.
         finding: The verdict on the first.
         factor: How many times as wide voxels must be for the search of all translations (`needed_coarsening`).
+    """
+
+    a: MapFeatures
+    b: MapFeatures
+    leaders: Leaders
+    finding: Finding
+    factor: int = 1
+
+
+def explain(pair: Questioned, *, decide: Decide, settings: Config, stages: Stages) -> Explained:
+    """Look for what explains the maps better than the best pose of map b as it is, where something speaks against it.
+
+    Args:
+        pair: The maps, with their leaders and the verdict.
         decide: The verdict on a judgement of leaders of these maps.
         settings: Settings of the stages.
         stages: Keeps the seconds.
     """
-    cause, stats = settings.cause, {}
+    cause, finding, stats = settings.cause, pair.finding, {}
     with stages.measure("causes"):
         # This takes some hundredths of a second; a scale that is wrong by a few percent may contradict nothing.
-        near = _similarity_of(a, b, [Start(1.0, leaders.poses[0])], settings)
-        is_contradicted = is_questionable(leaders, finding, cause)
+        near = _similarity_of(pair.a, pair.b, [Start(1.0, pair.leaders.poses[0])], settings)
+        is_contradicted = is_questionable(pair.leaders, finding, cause)
         if not is_contradicted and (near is None or not is_other_scale(near[0], cause)):
             return Explained(finding, None, {"scale": _figures(near)})
         stages.announce("causes")
-        a, b, given = _searchable(a, b, leaders, factor, settings)
         if is_contradicted:
-            mirrored = _mirrored(a, b, given, finding, decide, settings)
+            mirrored = _mirrored(pair, decide, settings, stages)
             if mirrored.result is not None:
                 return mirrored
             stats = mirrored.stats
-        scaled = _scaled(a, b, given, finding, decide, settings)
+        scaled = _scaled(pair, decide, settings, stages)
         return scaled._replace(stats=stats | scaled.stats)
 
 
-def _searchable(
-    a: MapFeatures, b: MapFeatures, leaders: Leaders, factor: int, settings: Config
-) -> tuple[MapFeatures, MapFeatures, Leaders]:
-    """Both maps in voxels in which all translations can be searched, and the leaders in them."""
-    if factor == 1:
-        return a, b, leaders
-    a, b = (coarser_features(each, factor, settings) for each in (a, b))
-    passed = Proposals(leaders.poses, leaders.sources, len(leaders.poses), {})
-    return a, b, find_leaders(a.prepared, b.prepared, passed, settings.leader, settings.evidence)
-
-
-def _mirrored(
-    a: MapFeatures, b: MapFeatures, given: Leaders, finding: Finding, decide: Decide, settings: Config
-) -> Explained:
+def _mirrored(pair: Questioned, decide: Decide, settings: Config, stages: Stages) -> Explained:
     """The verdict after the mirror image of map b was searched for in map a."""
-    mirrored = _leaders_of(a, mirrored_features(b), given, settings)
+    given, finding = pair.leaders, pair.finding
+    mirrored = _leaders_of(pair, mirrored_features(pair.b), settings, stages)
     found = decide(mirrored.judgement)
     figures = {
         "score": best_score(given),
@@ -120,22 +112,24 @@ def _mirrored(
     )
 
 
-def _scaled(
-    a: MapFeatures, b: MapFeatures, given: Leaders, finding: Finding, decide: Decide, settings: Config
-) -> Explained:
+def _scaled(pair: Questioned, decide: Decide, settings: Config, stages: Stages) -> Explained:
     """The verdict after map b was aligned with a scale, from its best poses and, where none is sure, from a search."""
-    cause = settings.cause
+    cause, given, finding = settings.cause, pair.leaders, pair.finding
     starts = [Start(1.0, pose) for pose in given.poses[: cause.num_judged]]
+    a, b = (coarser_features(each, pair.factor, settings) for each in (pair.a, pair.b))
     if finding.verdict != "accepted":
         scales = np.exp(cause.scale_step * np.arange(-1, 2)).tolist()
         starts += _starts_of(a, b, scales, cause.num_starts, settings)
     best = _similarity_of(a, b, starts, settings)
+    if best is not None and pair.factor > 1:
+        best = _similarity_of(pair.a, pair.b, [best[0].start], settings)
     figures = _figures(best) | {"score": best_score(given)}
     if best is None or not is_other_scale(best[0], cause) or best[1] < LEAST_SHARE * best_score(given):
         return Explained(finding, None, {"scale": figures})
     best = best[0]
     # As all poses are: other ones of the scaled map may score as well.
-    scaled = _leaders_of(a, scaled_features(b, best.scale), given, settings, guess=best.T_a_b)
+    changed = scaled_features(pair.b, best.scale)
+    scaled = _leaders_of(pair, changed, settings, stages, guess=best.T_a_b)
     found = decide(scaled.judgement)
     figures |= {"scaled_score": best_score(scaled), "scaled_confidence": found.confidence}
     if not is_better(finding, given, scaled, found, cause):
@@ -161,20 +155,43 @@ def _figures(found: tuple[Similarity, float] | None) -> dict[str, float]:
 
 
 def _leaders_of(
-    a: MapFeatures, b: MapFeatures, given: Leaders, settings: Config, *, guess: np.ndarray | None = None
+    pair: Questioned,
+    changed: MapFeatures,
+    settings: Config,
+    stages: Stages,
+    *,
+    guess: np.ndarray | None = None,
 ) -> Leaders:
     """Leaders of a changed map b; the best pose alone, roughly judged, where that is far below the given ones.
 
     Args:
-        a: First map.
-        b: The changed map.
-        given: Leaders of the maps as they are.
+        pair: The maps as they are, and what is said of them.
+        changed: The changed map b.
         settings: Settings of the stages.
+        stages: Keeps the seconds.
         guess: A pose (4, 4) of the changed map where one is known, beside which the search finds its rivals.
     """
+    least = LEAST_SHARE * best_score(pair.leaders)
+    a, b = (coarser_features(each, pair.factor, settings) for each in (pair.a, changed))
+    leaders = _searched(a, b, least, settings, guess=guess)
+    if pair.factor > 1 and best_score(leaders) >= least:
+        # What the caller knows of the pose holds for the map as it is, and not for another one.
+        anywhere = PoseRange(np.asarray(changed.prepared.centroid))
+        factors = finer_factors(pair.factor)
+        leaders = leaders_through_copies(
+            pair.a, changed, leaders, factors, settings=settings, stages=stages, pose_range=anywhere
+        )
+        leaders = weigh_pieces(pair.a.prepared, changed.prepared, leaders, settings.verdict)
+    return leaders
+
+
+def _searched(
+    a: MapFeatures, b: MapFeatures, least: float, settings: Config, *, guess: np.ndarray | None
+) -> Leaders:
+    """Leaders of a coarse search and of a guess; the best alone, roughly judged, if it scores less than `least`."""
     map_a, map_b, leader, weight = a.prepared, b.prepared, settings.leader, settings.evidence.conflict_weight
     starts = _starts_of(a, b, (1.0,), settings.cause.num_leaders, settings)
-    poses = [start.T_a_b for start in starts] if guess is None else [guess, *(s.T_a_b for s in starts)]
+    poses = [*([] if guess is None else [guess]), *(start.T_a_b for start in starts)]
     if not poses:
         return Leaders(np.zeros((0, 4, 4), np.float32), no_judgement(weight), ())
     aligned = refine_poses(
@@ -188,7 +205,7 @@ def _leaders_of(
     )
     sources = ("exhaustive",) * len(aligned)
     judged = judge_poses(map_a, map_b, aligned, num_points=leader.num_rough_judges, conflict_weight=weight)
-    if judged.score().max() < LEAST_SHARE * best_score(given):
+    if judged.score().max() < least:
         return Leaders(aligned, judged, sources).take(np.argsort(-judged.score(), kind="stable")[:1])
     proposed = Proposals(aligned, sources, len(aligned), {})
     fewer = replace(leader, num_refined=min(leader.num_refined, settings.cause.num_refined))

@@ -145,7 +145,10 @@ def register_memory(sizes: Sequence[MapSize], voxel_size: float, uncropped: Sequ
     kernels = 0.75 * GIGABYTE
     # Which voxels are occupied, their counts (see `window_classes`), and their classes; gone before features are kept.
     window = max((6.0 * size.at(voxel_size).voxels for size in uncropped), default=0.0)
-    return kernels + max(window, sum(need.kept for need in scaled) + sum(work[-2:]) + searched)
+    # The mirror image of a map is held beside it, in blocks, and only once the work is done (`pipeline/causes.py`).
+    images = () if uncropped else (need._replace(is_dense=False).kept for need in scaled)
+    mirrored = max(images, default=0.0)
+    return kernels + max(window, sum(need.kept for need in scaled) + max(sum(work[-2:]), mirrored) + searched)
 
 
 def _in_coarser_copies(sizes: Sequence[MapSize], voxel_size: float) -> float:

@@ -26,7 +26,7 @@ from ..registration.judging.verdict import Finding, decide
 from ..registration.paper.register import register_paper
 from ..registration.types import Registration
 from .as_registration import nothing_found, registration_of
-from .causes import explain
+from .causes import Questioned, explain
 from .config import Config, PoseConfig, config_from
 from .features import features_at, working_voxel
 from .hypotheses import first_hypotheses, other_hypotheses
@@ -184,7 +184,7 @@ def register_features(
     # Where something speaks against the pose, map b may be mirrored, or have another scale.
     decided = partial(decide, settings=settings.verdict, **known)
     explained = explain(
-        a, b, leaders, finding, factor=factor, decide=decided, settings=settings, stages=stages
+        Questioned(a, b, leaders, finding, factor), decide=decided, settings=settings, stages=stages
     )
 
     # The pose: the best leader, refined once more against both maps, with its covariance.

@@ -21,6 +21,7 @@ def mirrored_features(features: MapFeatures) -> MapFeatures:
     return _changed(
         features,
         mirrored(features.prepared),
+        {factor: mirrored_features(copy) for factor, copy in features.coarser.items()},
         origin=features.origin * _MIRROR,
         directions=features.directions * _MIRROR,
         normals=features.normals * _MIRROR.astype(np.float32),
@@ -34,9 +35,13 @@ def scaled_features(features: MapFeatures, factor: float) -> MapFeatures:
         features: Features of the map.
         factor: Above 0, and near enough to 1 for both maps to be compared at the voxel size of the other one.
     """
-    return _changed(features, scaled(features.prepared, factor), origin=features.origin * factor)
+    coarser = {times: scaled_features(copy, factor) for times, copy in features.coarser.items()}
+    return _changed(features, scaled(features.prepared, factor), coarser, origin=features.origin * factor)
 
 
-def _changed(features: MapFeatures, prepared: PreparedMap, **parts: np.ndarray) -> MapFeatures:
-    """Features with another prepared map, whose corners, descriptors and coarser copies are made when asked for."""
-    return replace(features, prepared=prepared, late=features.late.of(prepared.grid), coarser={}, **parts)
+def _changed(
+    features: MapFeatures, prepared: PreparedMap, coarser: dict[int, MapFeatures], **parts: np.ndarray
+) -> MapFeatures:
+    """Features with another prepared map, whose corners and descriptors are made when asked for."""
+    late = features.late.of(prepared.grid)
+    return replace(features, prepared=prepared, late=late, coarser=coarser, **parts)
