@@ -60,6 +60,17 @@ def test_the_truth_lays_the_maps_onto_each_other_by_the_share_that_was_asked_for
     assert measure_overlap(a, b, T) < 0.5 * overlap
 
 
+@pytest.mark.parametrize("family", ["tunnel", "stairwell", "scans", "sensors"])
+def test_families_of_all_kinds_of_surveys_overlap_as_asked_for(family):
+    found = simulate_family(family, 11, overlap=0.3, frame="so3", has_free_space=False)
+    a, b = found.grids
+    assert found.T_a_b is not None
+    assert min(a.num_occupied, b.num_occupied) > 1500
+    assert (a.voxel_size == b.voxel_size) == (family != "sensors")
+    overlap = min(measure_overlap(a, b, found.T_a_b), measure_overlap(b, a, np.linalg.inv(found.T_a_b)))
+    assert 0.2 < overlap < 0.4
+
+
 def test_maps_of_two_places_have_no_truth():
     assert simulate_family("room", 3, elsewhere=True, has_free_space=False).T_a_b is None
 

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 from voxjax.synthetic.camera import DepthCamera
-from voxjax.synthetic.families.place import Place, box, moved, resampled
+from voxjax.synthetic.families.place import Place, box, moved, resampled, serpentine
 
 
 def _place(count):
@@ -43,3 +43,8 @@ def test_places_on_a_line_lie_one_step_apart():
     places = resampled(line, 0.5)
     assert len(places) == 14
     np.testing.assert_allclose([np.linalg.norm(b - a) for a, b in pairwise(places)], 0.5)
+
+
+def test_a_serpentine_comes_back_on_every_second_row():
+    corners = serpentine([0.0, 2.0, 5.0], (1.0, 9.0))
+    np.testing.assert_array_equal(corners, [(1, 0), (9, 0), (9, 2), (1, 2), (1, 5), (9, 5)])

@@ -6,7 +6,7 @@ from ..ground import Ground
 from ..lidar import Lidar
 from ..warp import draw_warp
 from .garage import car
-from .place import Part, Place, box, moved, resampled
+from .place import Part, Place, box, moved, resampled, serpentine
 from .trees import make_tree
 
 
@@ -29,12 +29,7 @@ def make_campus(style: np.random.Generator, rng: np.random.Generator) -> Place:
             if rng.random() < 0.85:
                 centre = (np.asarray([i, j]) + 0.5) * pitch + rng.uniform(-2.0, 2.0, 2)
                 fixed += _set_down(ground, centre, rng.normal(0.0, 0.15), _building(rng, pitch, tall))
-    solid = np.asarray([part[0].mean(axis=0) for part in fixed])
-    for at in rng.uniform(0.0, side, (int(trees * side * side), 2)):
-        is_clear = np.linalg.norm(path - at, axis=1).min() > 2.0
-        if is_clear and np.linalg.norm(solid - at, axis=1).min() > 5.0:
-            tree = make_tree(rng, height=float(rng.uniform(4.0, 13.0)), clear=float(rng.uniform(1.5, 3.0)))
-            fixed += _set_down(ground, at, 0.0, tree)
+    fixed += _trees(rng, ground, path, np.asarray([part[0].mean(axis=0) for part in fixed]), side, trees)
     pieces = []
     for at in rng.uniform(0.0, side, (160, 2)):
         if np.linalg.norm(path - at, axis=1).min() > 3.0:
@@ -65,11 +60,8 @@ def make_campus(style: np.random.Generator, rng: np.random.Generator) -> Place:
 
 def _lanes(rng: np.random.Generator, pitch: float, count: int) -> np.ndarray:
     """Places (n, 2) on the ways between the rows of buildings, there and back, never quite straight."""
-    corners = []
-    for row in range(1, count):
-        ends = (0.15 * pitch, (count - 0.15) * pitch)
-        corners += [(x, row * pitch) for x in (ends if row % 2 else ends[::-1])]
-    path = resampled(np.asarray(corners), 2.0)
+    rows = [row * pitch for row in range(1, count)]
+    path = resampled(serpentine(rows, (0.15 * pitch, (count - 0.15) * pitch)), 2.0)
     waves = rng.uniform(0.0, 2.0 * np.pi, 2)
     return path + 0.8 * np.sin(path[:, ::-1] / 9.0 + waves)
 
@@ -102,6 +94,19 @@ def _building(rng: np.random.Generator, pitch: float, tall: float) -> list[Part]
             )
     door = rng.uniform(-0.3, 0.3) * size[0]
     parts.append(box((door, 0.5 * size[1] + 1.0), (rng.uniform(2.0, 5.0), 2.0), (2.6, 3.0), "canopy"))
+    return parts
+
+
+def _trees(
+    rng: np.random.Generator, ground: Ground, path: np.ndarray, solid: np.ndarray, side: float, density: float
+) -> list[Part]:
+    """Trees, so many a square metre, off the ways (n, 2) and the middles (n, 2) of what is solid."""
+    parts: list[Part] = []
+    for at in rng.uniform(0.0, side, (int(density * side * side), 2)):
+        is_clear = np.linalg.norm(path - at, axis=1).min() > 2.0
+        if is_clear and np.linalg.norm(solid - at, axis=1).min() > 5.0:
+            tree = make_tree(rng, height=float(rng.uniform(4.0, 13.0)), clear=float(rng.uniform(1.5, 3.0)))
+            parts += _set_down(ground, at, 0.0, tree)
     return parts
 
 

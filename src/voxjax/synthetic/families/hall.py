@@ -4,7 +4,7 @@ import numpy as np
 
 from ..lidar import Lidar
 from ..warp import draw_warp
-from .place import Part, Place, box
+from .place import Part, Place, box, serpentine
 
 
 def make_hall(style: np.random.Generator, rng: np.random.Generator) -> Place:
@@ -31,9 +31,7 @@ def make_hall(style: np.random.Generator, rng: np.random.Generator) -> Place:
     for _ in range(int(rng.integers(40, 70))):
         at = rng.uniform((4.0, aside + 0.8), (length - 5.0, width - aside - 0.8))
         pieces.append((_thing(rng, at), _thing(rng, at)))
-    lanes = []
-    for row, y in enumerate((0.5 * aside, 0.35 * width, 0.65 * width, width - 0.5 * aside)):
-        lanes += [(x, y) for x in ((3.0, length - 6.0) if row % 2 == 0 else (length - 6.0, 3.0))]
+    lanes = serpentine((0.5 * aside, 0.35 * width, 0.65 * width, width - 0.5 * aside), (3.0, length - 6.0))
     return Place(
         fixed=fixed,
         pieces=pieces,

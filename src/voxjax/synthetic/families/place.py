@@ -1,5 +1,6 @@
 """A generated place: what stands in it, what may be another thing on another day, and where a sensor goes."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,6 +86,18 @@ def moved(parts: list[Part], shift: np.ndarray, yaw: float = 0.0) -> list[Part]:
     """Parts turned about the origin by `yaw` [rad], then shifted by (3,) [m]."""
     R = np.asarray([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
     return [(p @ R.T + shift[:2], low + shift[2], high + shift[2], kind) for p, low, high, kind in parts]
+
+
+def serpentine(rows: Iterable[float], ends: tuple[float, float]) -> np.ndarray:
+    """Corners (n, 2) of a way there and back along x, from row to row.
+
+    Args:
+        rows: Where along y each row lies.
+        ends: Where along x the first row begins and ends; the next one leads back.
+    """
+    return np.asarray(
+        [(x, y) for number, y in enumerate(rows) for x in (ends if number % 2 == 0 else ends[::-1])]
+    )
 
 
 def resampled(path: np.ndarray, step: float) -> np.ndarray:

@@ -21,23 +21,12 @@ def make_stairwell(style: np.random.Generator, rng: np.random.Generator) -> Plac
     floors = 6
     # The eye between the two flights is as wide as a hand or as a man.
     width, length = 2.0 * flight + float(style.uniform(0.15, 0.9)), run + 2.0 * landing
-    fixed, pieces, path = [], [], []
+    fixed, pieces = [], []
     for floor in range(floors):
         z = floor * storey
         parts = _flights(width, flight, landing, run, steps, rise) if floor < floors - 1 else []
         fixed += moved([*parts, *_shaft(rng, width, length, landing, storey)], np.asarray([0.0, 0.0, z]))
         pieces += [(_things(rng, z), _things(rng, z)) for _ in range(2)]
-        left, right, near, far = 0.5 * flight, width - 0.5 * flight, 0.6 * landing, length - 0.6 * landing
-        corners = [
-            (right, near, 0.0),
-            (left, near, 0.0),
-            (left, far, 0.5),
-            (right, far, 0.5),
-            (right, near, 1.0),
-        ]
-        path += [
-            (x, y, z + share * storey) for x, y, share in (corners if floor < floors - 1 else corners[:2])
-        ]
     fixed.append(box((0.5 * width, 0.5 * length), (width + 4.0, length + 12.0), (-0.3, 0.0), "floor"))
     fixed.append(
         box(
@@ -47,10 +36,13 @@ def make_stairwell(style: np.random.Generator, rng: np.random.Generator) -> Plac
             "ceiling",
         )
     )
+    path = _climb(
+        floors, storey, (0.5 * flight, width - 0.5 * flight), (0.6 * landing, length - 0.6 * landing)
+    )
     return Place(
         fixed=fixed,
         pieces=pieces,
-        path=np.asarray(path) + np.asarray([0.0, 0.0, rng.uniform(1.2, 1.6)]),
+        path=path + np.asarray([0.0, 0.0, rng.uniform(1.2, 1.6)]),
         sensor=Lidar(
             level_beams=np.radians(np.linspace(-30.0, 30.0, 16)),
             upright_beams=np.radians(np.linspace(-50.0, 50.0, 16)),
@@ -64,6 +56,17 @@ def make_stairwell(style: np.random.Generator, rng: np.random.Generator) -> Plac
         sway=0.12,
         warp=draw_warp(rng, 0.01, (1.0, 10.0)),
     )
+
+
+def _climb(floors: int, storey: float, sides: tuple[float, float], ends: tuple[float, float]) -> np.ndarray:
+    """Corners (n, 3) of the way up: over the landing, up one flight, over the next landing, up the other."""
+    (left, right), (near, far) = sides, ends
+    round_ = [(right, near, 0.0), (left, near, 0.0), (left, far, 0.5), (right, far, 0.5), (right, near, 1.0)]
+    corners = [
+        (x, y, floor * storey + share * storey) for floor in range(floors - 1) for x, y, share in round_
+    ]
+    top = [(x, y, (floors - 1) * storey) for x, y, _ in round_[:2]]
+    return np.asarray(corners + top)
 
 
 def _flights(width: float, flight: float, landing: float, run: float, steps: int, rise: float) -> list[Part]:

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..lidar import Lidar
 from ..warp import draw_warp
-from .place import Part, Place, box
+from .place import Part, Place, box, serpentine
 
 
 def make_warehouse(style: np.random.Generator, rng: np.random.Generator) -> Place:
@@ -37,16 +37,12 @@ def make_warehouse(style: np.random.Generator, rng: np.random.Generator) -> Plac
                 for z in range(levels)
             ]
     pieces += [(_goods(rng, length, margin, width), _goods(rng, length, margin, width)) for _ in range(8)]
-    lanes = []
-    for row in range(rows + 1):
-        ends = (0.5 * margin, length - 0.5 * margin)
-        y = 0.5 * aisle + row * pitch
-        lanes += [(x, y) for x in (ends if row % 2 == 0 else ends[::-1])]
-    path = np.column_stack([lanes, np.full(len(lanes), rng.uniform(1.2, 2.0))])
+    aisles = [0.5 * aisle + row * pitch for row in range(rows + 1)]
+    path = serpentine(aisles, (0.5 * margin, length - 0.5 * margin))
     return Place(
         fixed=fixed,
         pieces=pieces,
-        path=path,
+        path=np.column_stack([path, np.full(len(path), rng.uniform(1.2, 2.0))]),
         sensor=Lidar(
             level_beams=np.radians(np.linspace(-20.0, 20.0, 16)),
             upright_beams=np.radians(np.linspace(-50.0, 50.0, 16)),
