@@ -31,7 +31,7 @@ def make_mine(style: np.random.Generator, rng: np.random.Generator) -> Place:
         at = np.asarray([rng.uniform(0.0, columns), rng.integers(1, rows)]) * pitch
         at = at + rng.uniform(0.25, 0.45) * drift * np.asarray([0.0, rng.choice((-1.0, 1.0))])
         pieces.append((_heap(rng, at), _heap(rng, at)))
-    path = serpentine(range(1, rows), (1.0, columns - 1.0)) * pitch
+    path = serpentine([float(row) for row in range(1, rows)], (1.0, columns - 1.0)) * pitch
     return Place(
         fixed=fixed,
         pieces=pieces,
