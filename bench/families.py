@@ -1,6 +1,7 @@
 """Pairs of maps of many kinds of places, with what is wrong with them: other places, mirrored, scaled, changed.
 
     python -m bench families --draw FOLDER [--seed 0] [--role same] [--clouds] [--family NAME ...]
+        [--overview PNG]
 
 Families are those of `voxjax.synthetic.families`. The command writes one sheet a
 family: both maps from above and from the side, in the frame of the first, and prints what the pairs are.
@@ -17,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.family_sheets import draw_sheet
+from bench.family_sheets import draw_overview, draw_sheet
 from bench.plots import prepare_plots
 from bench.reports import markdown_table
 from bench.timing import setting
@@ -119,6 +120,7 @@ def _parse(argv: list[str]) -> argparse.Namespace:
     parser.add_argument("--seed", type=int, nargs="+", default=[0], help="seeds; each gives a sheet")
     parser.add_argument("--role", choices=ROLES, default="same")
     parser.add_argument("--clouds", action="store_true", help="maps without free space")
+    parser.add_argument("--overview", type=Path, help="picture of one pair a family, of the first seed")
     parser.add_argument("--family", nargs="+", choices=FAMILIES, default=FAMILIES)
     return parser.parse_args(argv)
 
@@ -129,7 +131,7 @@ def main(argv: list[str]) -> int:
     prepare_plots()
     args.draw.mkdir(parents=True, exist_ok=True)
     print(setting())
-    rows = []
+    rows, first = [], {}
     for family in args.family:
         for seed in args.seed:
             if args.role not in roles_of(family):
@@ -139,6 +141,9 @@ def main(argv: list[str]) -> int:
             took = time.process_time() - start
             draw_sheet(pair, args.draw / f"{family}_{args.role}_{seed}.png")
             rows.append(_row(pair, seed, took))
+            first.setdefault(family, pair)
+    if args.overview is not None:
+        draw_overview(first, args.overview)
     head = ("family", "seed", "frame", "voxel [m]", "occupied", "shape", "overlap", "cpu [s]")
     print(markdown_table(head, rows))
     return 0

@@ -55,6 +55,9 @@ def test_only_storeys_have_another_storey():
 
 
 def test_the_command_draws_a_sheet_and_prints_a_row(tmp_path, capsys):
-    assert main(["--draw", str(tmp_path), "--family", "room", "--clouds"]) == 0
+    overview = tmp_path / "overview.png"
+    argv = ["--draw", str(tmp_path), "--family", "room", "--clouds", "--overview", str(overview)]
+    assert main(argv) == 0
+    assert overview.stat().st_size > 5_000
     assert (tmp_path / "room_same_0.png").stat().st_size > 10_000
     assert "room" in capsys.readouterr().out
