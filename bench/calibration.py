@@ -1,13 +1,14 @@
 """Does the confidence mean what it says? Verdicts on generated pairs of one building, equal rooms, other buildings.
 
     python -m bench calibration [--pairs 200] [--hotels 60] [--buildings 25] [--seed 300000] [--cache FOLDER]
+    python -m bench calibration --families 8 [--seed 300000]
 
 Different buildings: each map against each other one. The seed is another one than that of the worlds that the model of
 the verdict was fitted on (100000, `python -m bench verdict_fit`). Prints the verdicts by kind, the false accepts with
 the upper 95 % bound of their rate (Clopper-Pearson), the expected calibration error in ten bins, and how the errors of
 accepted poses compare with their covariance; writes JSON and a reliability diagram. `--cache` keeps the generated maps;
 several processes can share the work by `--part 1/2` and be put together by `--join`. `--clouds` takes all free space
-from the maps.
+from the maps. `--families` takes pairs of all families of places instead (`bench/family_rows.py`).
 """
 
 import argparse
@@ -15,6 +16,8 @@ import itertools
 import json
 import sys
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +26,7 @@ from scipy.spatial.transform import Rotation
 
 import voxjax as vx
 from bench.calibration_worlds import load_world, seeds_of, without_free_space
+from bench.family_rows import family_jobs, family_row, family_table
 from bench.reliability import draw, summary
 from bench.reports import write_json
 from bench.timing import setting
@@ -85,6 +89,9 @@ class Runner:
 
     def row(self, kind: str, seeds: tuple[int, ...]) -> dict[str, Any]:
         """Register one pair."""
+        return {"kind": kind} | self._judged(kind, seeds)
+
+    def _judged(self, kind: str, seeds: tuple[int, ...]) -> dict[str, Any]:
         if kind == "cross":
             for seed in seeds:
                 if seed not in self.single:
@@ -104,6 +111,9 @@ def _parse(argv: list[str]) -> argparse.Namespace:
     parser.add_argument("--hotels", type=int, default=60, help="pairs among equal rooms")
     parser.add_argument(
         "--buildings", type=int, default=25, help="maps of different buildings, each against each"
+    )
+    parser.add_argument(
+        "--families", type=int, default=0, help="pairs of each role of each family, instead of the buildings"
     )
     parser.add_argument("--seed", type=int, default=300_000)
     parser.add_argument("--cache", type=Path, default=None, help="folder for generated maps")
@@ -134,7 +144,7 @@ def main(argv: list[str]) -> int:
             file=sys.stderr,
         )
         return 2
-    print("\n".join(summary(rows)))
+    print("\n".join(family_table(rows) if args.families else summary(rows)))
     if args.plot is not None:
         draw(rows, args.plot)
     return 0
@@ -142,29 +152,39 @@ def main(argv: list[str]) -> int:
 
 def _register(args: argparse.Namespace, rows: list[dict]) -> None:
     """Register the pairs of this part that have no row yet; each row is added and written to --out at once."""
-    jobs: list[tuple[str, tuple[int, ...]]] = [
-        ("pair", (s,)) for s in seeds_of("pair", args.pairs, args.seed)
-    ]
-    jobs += [("hotel", (s,)) for s in seeds_of("hotel", args.hotels, args.seed)]
-    jobs += [
-        ("cross", two) for two in itertools.combinations(seeds_of("build", args.buildings, args.seed), 2)
-    ]
     part, parts = (int(word) for word in args.part.split("/"))
     done = {r["name"] for r in rows}
-    runner = Runner(args.cache, clouds=args.clouds)
-    for kind, seeds in jobs[part - 1 :: parts]:
-        name = f"{kind}_{'_'.join(map(str, seeds))}{'_cloud' if args.clouds else ''}"
+    for name, make in _jobs(args)[part - 1 :: parts]:
         if name in done:
             continue
         start = time.perf_counter()
-        row = runner.row(kind, seeds)
-        rows.append({"name": name, "kind": kind} | row)
+        row = make()
+        rows.append({"name": name} | row)
         write_json(args.out, {"rows": rows})
         took = time.perf_counter() - start
         print(
             f"{name:28s} {row['verdict']:10s} {row['confidence']:.3f} right={row['right']!s:5s} {took:.1f} s",
             flush=True,
         )
+
+
+def _jobs(args: argparse.Namespace) -> list[tuple[str, Callable[[], dict[str, Any]]]]:
+    """Names of the pairs, and functions that give their rows."""
+    if args.families:
+        return [(job.name, partial(family_row, job)) for job in family_jobs(args.families, args.seed)]
+    pairs: list[tuple[str, tuple[int, ...]]] = [
+        (kind, (seed,))
+        for kind, count in (("pair", args.pairs), ("hotel", args.hotels))
+        for seed in seeds_of(kind, count, args.seed)
+    ]
+    pairs += [
+        ("cross", two) for two in itertools.combinations(seeds_of("build", args.buildings, args.seed), 2)
+    ]
+    runner, end = Runner(args.cache, clouds=args.clouds), "_cloud" if args.clouds else ""
+    return [
+        (f"{kind}_{'_'.join(map(str, seeds))}{end}", partial(runner.row, kind, seeds))
+        for kind, seeds in pairs
+    ]
 
 
 if __name__ == "__main__":

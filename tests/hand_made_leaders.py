@@ -3,7 +3,7 @@
 import numpy as np
 
 from voxjax.registration.judging.judgement import Judgement
-from voxjax.registration.judging.leaders import Leaders
+from voxjax.registration.judging.leaders import Leaders, Tried
 from voxjax.registration.judging.verdict import Finding
 
 ACCEPTED = Finding("accepted", 0.98, "One pose stands out.", 0.01)
@@ -13,5 +13,18 @@ NOTHING = Finding("no_overlap", 0.02, "No pose is supported.", 0.97)
 def leaders(hits, conflicts):
     """One leader with these shares."""
     one = np.ones(1)
-    judgement = Judgement(hits * one, conflicts * one, 0 * one, np.eye(3)[None], 0 * one, 0 * one)
-    return Leaders(np.eye(4)[None], judgement, ("exhaustive",))
+    nothing = np.zeros(1)
+    judgement = Judgement(
+        hits * one,
+        conflicts * one,
+        nothing,
+        np.eye(3)[None],
+        nothing,
+        nothing,
+        nothing,
+        nothing,
+        nothing,
+        nothing,
+    )
+    poses = np.eye(4)[None]
+    return Leaders(poses, judgement, ("exhaustive",), Tried(poses, judgement.strength()))

@@ -46,7 +46,7 @@ def check_same_pose(found, expected, factor, point):
 def test_register_knows_no_unit_of_length(maps, factor):
     def settings(unit):
         # By itself the voxel size is chosen by how fine the maps are, and furniture is as large as in the world.
-        return {"map": {"voxel_size": VOXEL * unit}, "verdict": {"min_piece_area": unit**2}}
+        return {"map": {"voxel_size": VOXEL * unit}}
 
     expected = vx.register(*maps, config=settings(1.0))
     found = vx.register(*(scaled(grid, factor) for grid in maps), config=settings(factor))

@@ -1,45 +1,77 @@
 """The fit of the verdict's model."""
 
+import json
+
 import numpy as np
-import pytest
-from bench.verdict_fit import chances, fit, judgement_of
+from bench.verdict_fit import design, fit, left_out, main, usable
 
-from voxjax.registration.judging import verdict
 from voxjax.registration.judging.settings import VerdictConfig
+from voxjax.registration.judging.verdict import Standing
 
 
-def leader(score, support=0.2, contradiction=0.0, *, right=False):
+def row(strength, *, chance=0.02, changed=0.0, num_rivals=1, right=True, **other):
     return {
-        "score": score,
-        "support": support,
-        "contradiction": contradiction,
-        "shared": 1000.0,
-        "conflict": 0.0,
-        "right": right,
-    }
+        "evidence": Standing(strength, chance, changed, num_rivals)._asdict(),
+        "is_group_right": right,
+        "free_space": "observed",
+        "role": "same" if right else "elsewhere",
+        "kind": "garage",
+    } | other
 
 
-@pytest.mark.parametrize("has_free_space", [True, False])
-def test_with_the_coefficients_in_use_the_fit_has_the_probabilities_of_the_verdict(has_free_space):
-    row = {"leaders": [leader(0.6, 0.3, 2.0), leader(0.5, 0.1, 0.5), leader(0.1, 0.01), leader(-0.2)]}
-    judged, _ = judgement_of(row)
-    used = verdict.WITH_FREE_SPACE if has_free_space else verdict.WITHOUT_FREE_SPACE
-    first = np.asarray([used.none, used.score, used.support])
-    ours = chances(judged, first=first, piece=VerdictConfig.rival_weight, has_free_space=has_free_space)
-    np.testing.assert_allclose(
-        ours, verdict.probabilities(judged, has_free_space=has_free_space), rtol=1e-9, atol=1e-15
-    )
-
-
-def test_the_fit_finds_that_pieces_and_not_scores_decide_between_rivals():
-    rng = np.random.default_rng(0)
+def made_up(rng, kind):
+    """Right poses stand out and are clean; wrong ones are weak, one of a crowd, or contradicted."""
     rows = []
-    for _ in range(40):
-        clean, dirty = rng.uniform(0.6, 0.8), rng.uniform(0.7, 0.9)
-        both = [leader(dirty, contradiction=rng.uniform(8, 20)), leader(clean, right=True)]
-        rows.append({"leaders": both, "rank": 1})
-        rows.append({"leaders": [leader(rng.uniform(0.01, 0.05), 0.01)], "rank": None})
-    first, piece = fit(rows, has_free_space=True)
-    assert piece > 1.0
-    assert chances(judgement_of(rows[0])[0], first=first, piece=piece, has_free_space=True)[2] > 0.9
-    assert chances(judgement_of(rows[1])[0], first=first, piece=piece, has_free_space=True)[0] > 0.9
+    for _ in range(25):
+        rows.append(row(rng.uniform(0.2, 0.9), chance=0.03, kind=kind))
+        rows.append(row(rng.uniform(0.01, 0.05), right=False, kind=kind))
+        rows.append(row(rng.uniform(0.2, 0.9), num_rivals=12, chance=0.1, right=False, kind=kind))
+        rows.append(row(rng.uniform(0.2, 0.9), changed=rng.uniform(0.05, 0.2), right=False, kind=kind))
+    return rows
+
+
+def test_the_fit_finds_what_tells_right_poses_and_holds_for_the_family_left_out():
+    rng = np.random.default_rng(0)
+    rows = [each for kind in ("garage", "mine", "street") for each in made_up(rng, kind)]
+    weights = fit(*design(rows))
+    assert weights.strength > 0.5
+    assert weights.changed > 0.5
+    assert weights.crowd > 0.5
+    for family, count, right, accepted, wrong in left_out(rows):
+        assert family in ("garage", "mine", "street")
+        assert (count, right) == ("100", "25")
+        assert int(accepted) >= 20
+        assert int(wrong) <= 1
+
+
+def test_terms_are_those_of_the_verdict_in_the_order_of_its_coefficients():
+    terms, is_right = design([row(0.5, chance=0.1, changed=0.02, num_rivals=3)])
+    usual = VerdictConfig.usual_changes
+    expected = [1.0, np.log(0.5), np.log(5.0), -np.log1p(0.02 / usual), -np.log(3)]
+    np.testing.assert_allclose(terms, [expected])
+    np.testing.assert_array_equal(is_right, [1.0])
+
+
+def test_rows_with_a_cause_of_their_own_or_without_a_pose_are_left_out():
+    rows = [
+        row(0.5),
+        row(0.5, role="mirrored"),
+        row(0.5, role="scaled"),
+        row(0.5, free_space="unknown"),
+        row(0.5, evidence=None),
+        row(0.5, free_space="inferred"),
+    ]
+    assert usable(rows, has_free_space=True) == [rows[0], rows[5]]
+    assert usable(rows, has_free_space=False) == [rows[3]]
+
+
+def test_the_command_prints_both_fits(tmp_path, capsys):
+    rng = np.random.default_rng(1)
+    rows = made_up(rng, "garage") + made_up(rng, "mine")
+    path = tmp_path / "rows.json"
+    path.write_text(json.dumps({"rows": rows + [each | {"free_space": "unknown"} for each in rows]}))
+    assert main([str(path)]) == 0
+    said = capsys.readouterr().out
+    assert "with free space: 200 pairs" in said
+    assert "without free space: 200 pairs" in said
+    assert said.count("| mine |") == 2

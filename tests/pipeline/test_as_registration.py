@@ -27,7 +27,9 @@ def test_what_was_counted_before_is_kept_and_corners_nobody_looked_for_are_not_c
 
 def test_evidence_is_given_in_shares_of_what_met_anything_and_in_voxels():
     one = np.ones(1)
-    judgement = Judgement(0.6 * one, 0.1 * one, 0.1 * one, np.eye(3)[None] / 3, 2.0 * one, 50.0 * one)
+    judgement = Judgement(
+        0.6 * one, 0.1 * one, 0.1 * one, np.eye(3)[None] / 3, 0.1 * one, one, 2.0 * one, 50.0 * one, one, one
+    )
     found = evidence_of(judgement, 0, num_voxels=1000)
     np.testing.assert_allclose([found.occupied_agreement, found.free_conflict], [0.75, 0.125])
     assert (found.num_hits, found.num_conflicts) == (600, 100)

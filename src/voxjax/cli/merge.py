@@ -65,6 +65,7 @@ def _run(args: argparse.Namespace, temporaries: contextlib.ExitStack) -> int:
         preset=args.preset,
         rule=args.rule,
         gravity_aligned=args.gravity_aligned,
+        allow_changes=args.allow_changes,
         init_guess=guess,
         config=config,
         on_stage=progress,

@@ -164,6 +164,11 @@ def _add_merge(commands) -> None:
     command.add_argument(
         "--gravity-aligned", action="store_true", help="the z axes of all maps point up: only yaw is unknown"
     )
+    command.add_argument(
+        "--allow-changes",
+        action="store_true",
+        help="merge maps between which things were moved; another storey of one plan looks like that, too",
+    )
     _add_preset(command)
     command.add_argument(
         "--rule",

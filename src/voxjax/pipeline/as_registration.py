@@ -6,9 +6,9 @@ import numpy as np
 
 from .._results import RESULTS
 from ..refinement.outcome import Refinement
-from ..registration.judging.conflict_pieces import net_scores
 from ..registration.judging.judgement import Judgement
 from ..registration.judging.leaders import Leaders
+from ..registration.judging.rivals import net_strengths
 from ..registration.judging.settings import VerdictConfig
 from ..registration.judging.verdict import Finding, support
 from ..registration.types import Evidence, Hypothesis, Registration
@@ -58,7 +58,7 @@ def registration_of(
     """
     # The first leader was refined once more, and only its pose changed: evidence and score are those of the judging.
     T_a_b = np.asarray(pose.T_a_b)
-    scores = net_scores(leaders.judgement, settings)
+    scores = net_strengths(leaders.judgement, settings)
     hypotheses = tuple(
         Hypothesis(
             T_a_b if i == 0 else leaders.poses[i],

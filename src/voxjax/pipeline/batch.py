@@ -22,6 +22,7 @@ def register_batch(
     *,
     config: Config | Mapping[str, Any] | None = None,
     gravity_aligned: bool = False,
+    allow_changes: bool = False,
     on_pair: Callable[[int, Registration], None] | None = None,
 ) -> list[Registration]:
     """Register many pairs of maps; bit for bit what `register` gives for each of them alone.
@@ -33,6 +34,7 @@ def register_batch(
         pairs: Maps (a, b) of each pair.
         config: Settings of the stages: a `Config`, nested tables, or None for the defaults.
         gravity_aligned: Whether the z axes of all maps point up, so that only yaw is unknown.
+        allow_changes: Whether poses are accepted although things were moved between the maps, see `register`.
         on_pair: Called with the number and the outcome of each pair as it is done.
 
     Returns:
@@ -42,6 +44,7 @@ def register_batch(
         InputError: If an entry is no pair of maps, or a setting cannot be used.
     """
     settings = config_from(config)
+    options = {"config": settings, "gravity_aligned": gravity_aligned, "allow_changes": allow_changes}
     pairs = check_list("pairs", pairs, "pairs (a, b) of maps")
     # All pairs are checked before the first is registered: a mistake in the last would cost all the work
     # before.
@@ -64,11 +67,10 @@ def register_batch(
     for number, (a, b) in enumerate(pairs):
         # `register` has the sentence for empty maps, and for maps in different units; features need voxels.
         if a.num_occupied == 0 or b.num_occupied == 0 or far_unit(a, b) is not None:
-            found = register(a, b, config=settings, gravity_aligned=gravity_aligned)
+            found = register(a, b, **options)
         else:
             voxel = working_voxel([a, b], settings)
             features_a, features_b = (features_of(grid, voxel.size) for grid in (a, b))
-            options = {"config": settings, "gravity_aligned": gravity_aligned}
             found = register_features(features_a, features_b, **options)
             found = voxel.noted(in_feet(a, b, found, partial(register, **options)))
         results.append(found)

@@ -21,15 +21,15 @@ from ..registration.hypotheses.changed_features import mirrored_features, scaled
 from ..registration.hypotheses.map_features import MapFeatures
 from ..registration.hypotheses.pose_range import PoseRange
 from ..registration.hypotheses.proposals import Proposals
-from ..registration.judging.conflict_pieces import weigh_pieces
-from ..registration.judging.judgement import Judgement, judge_poses, no_judgement
-from ..registration.judging.leaders import Leaders, find_leaders, refine_poses
+from ..registration.judging.judgement import judge_poses, no_judgement
+from ..registration.judging.leaders import Leaders, Tried, find_leaders, refine_poses
+from ..registration.judging.rivals import weigh_rivals
 from ..registration.judging.verdict import Finding
 from .config import Config
 from .stage_times import Stages
 from .wide import coarser_features, finer_factors, leaders_through_copies
 
-Decide = Callable[[Judgement], Finding]
+Decide = Callable[[MapFeatures, Leaders], Finding]
 
 LEAST_SHARE = 0.8
 """A changed map b that scores less than this share of map b as it is once it is roughly aligned explains no more: the
@@ -73,7 +73,7 @@ def explain(pair: Questioned, *, decide: Decide, settings: Config, stages: Stage
 
     Args:
         pair: The maps, with their leaders and the verdict.
-        decide: The verdict on a judgement of leaders of these maps.
+        decide: The verdict on leaders of map a and a changed map b, which is given.
         settings: Settings of the stages.
         stages: Keeps the seconds.
     """
@@ -97,8 +97,9 @@ def explain(pair: Questioned, *, decide: Decide, settings: Config, stages: Stage
 def _mirrored(pair: Questioned, decide: Decide, settings: Config, stages: Stages) -> Explained:
     """The verdict after the mirror image of map b was searched for in map a."""
     given, finding = pair.leaders, pair.finding
-    mirrored = _leaders_of(pair, mirrored_features(pair.b), settings, stages)
-    found = decide(mirrored.judgement)
+    image = mirrored_features(pair.b)
+    mirrored = _leaders_of(pair, image, settings, stages)
+    found = decide(image, mirrored)
     figures = {
         "score": best_score(given),
         "mirrored_score": best_score(mirrored),
@@ -130,7 +131,7 @@ def _scaled(pair: Questioned, decide: Decide, settings: Config, stages: Stages) 
     # As all poses are: other ones of the scaled map may score as well.
     changed = scaled_features(pair.b, best.scale)
     scaled = _leaders_of(pair, changed, settings, stages, guess=best.T_a_b)
-    found = decide(scaled.judgement)
+    found = decide(changed, scaled)
     figures |= {"scaled_score": best_score(scaled), "scaled_confidence": found.confidence}
     if not is_better(finding, given, scaled, found, cause):
         return Explained(finding, None, {"scale": figures})
@@ -181,7 +182,7 @@ def _leaders_of(
         leaders = leaders_through_copies(
             pair.a, changed, leaders, factors, settings=settings, stages=stages, pose_range=anywhere
         )
-        leaders = weigh_pieces(pair.a.prepared, changed.prepared, leaders, settings.verdict)
+        leaders = weigh_rivals(pair.a, changed, leaders, settings.verdict)
     return leaders
 
 
@@ -193,7 +194,10 @@ def _searched(
     starts = _starts_of(a, b, (1.0,), settings.cause.num_leaders, settings)
     poses = [*([] if guess is None else [guess]), *(start.T_a_b for start in starts)]
     if not poses:
-        return Leaders(np.zeros((0, 4, 4), np.float32), no_judgement(weight), ())
+        nowhere = np.zeros((0, 4, 4), np.float32)
+        has_free_space = map_a.has_free_space and map_b.has_free_space
+        nothing = no_judgement(weight, has_free_space=has_free_space)
+        return Leaders(nowhere, nothing, (), Tried(nowhere, np.zeros(0)))
     aligned = refine_poses(
         map_a,
         map_b,
@@ -205,12 +209,13 @@ def _searched(
     )
     sources = ("exhaustive",) * len(aligned)
     judged = judge_poses(map_a, map_b, aligned, num_points=leader.num_rough_judges, conflict_weight=weight)
+    tried = Tried(aligned, judged.strength())
     if judged.score().max() < least:
-        return Leaders(aligned, judged, sources).take(np.argsort(-judged.score(), kind="stable")[:1])
+        return Leaders(aligned, judged, sources, tried).take(np.argsort(-judged.score(), kind="stable")[:1])
     proposed = Proposals(aligned, sources, len(aligned), {})
     fewer = replace(leader, num_refined=min(leader.num_refined, settings.cause.num_refined))
     leaders = find_leaders(map_a, map_b, proposed, fewer, settings.evidence)
-    return weigh_pieces(map_a, map_b, leaders, settings.verdict)
+    return weigh_rivals(a, b, leaders, settings.verdict)
 
 
 def _starts_of(

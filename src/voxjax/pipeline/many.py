@@ -34,6 +34,7 @@ def merge(
     preset: Literal["default", "paper"] = "default",
     rule: Literal["paper", "keep", "log_odds"] | None = None,
     gravity_aligned: bool = False,
+    allow_changes: bool = False,
     init_guess: object = None,
     config: Config | Mapping | None = None,
     on_stage: OnStage | None = None,
@@ -51,6 +52,7 @@ def merge(
         preset: "default", or "paper" for the published method alone.
         rule: How states are combined, see `voxjax.fuse`; None lets it choose.
         gravity_aligned: The z axes of all maps point up, so that only yaw is unknown.
+        allow_changes: Accept poses although things were moved between the maps, see `voxjax.register`.
         init_guess: A (4, 4) `T_a_b` that is tried as one more hypothesis; for two maps only.
         config: Settings of the stages, see `voxjax.pipeline.config`.
         on_stage: Called with the name of each stage as it starts.
@@ -89,6 +91,7 @@ def merge(
         for a, b in itertools.combinations(range(len(grids)), 2):
             options = {
                 "gravity_aligned": gravity_aligned,
+                "allow_changes": allow_changes,
                 "init_guess": init_guess,
                 "config": settings,
                 "on_stage": partial(_announce_of, stages, f"maps {a} and {b}"),
@@ -100,7 +103,9 @@ def merge(
                 found = register(grids[a], grids[b], preset=preset, **options)
             else:
                 found = register_features(features_a, features_b, **options)
-                again = partial(register, config=settings, gravity_aligned=gravity_aligned)
+                again = partial(
+                    register, config=settings, gravity_aligned=gravity_aligned, allow_changes=allow_changes
+                )
                 found = voxel.noted(in_feet(grids[a], grids[b], found, again))
             pairs.append((a, b, found))
 

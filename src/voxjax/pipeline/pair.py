@@ -20,13 +20,15 @@ from ..registration.causes.units import far_unit
 from ..registration.hypotheses.map_features import MapFeatures, worse_free_space
 from ..registration.hypotheses.pose_range import PoseRange
 from ..registration.hypotheses.proposals import Proposals
-from ..registration.judging.conflict_pieces import weigh_pieces
+from ..registration.judging.chance import chance_level
+from ..registration.judging.contradictions import find_contradictions
 from ..registration.judging.leaders import Leaders, find_leaders, merge_leaders
+from ..registration.judging.rivals import weigh_rivals
 from ..registration.judging.verdict import Finding, decide
 from ..registration.paper.register import register_paper
 from ..registration.types import Registration
 from .as_registration import nothing_found, registration_of
-from .causes import Questioned, explain
+from .causes import Decide, Questioned, explain
 from .config import Config, PoseConfig, config_from
 from .features import features_at, working_voxel
 from .hypotheses import first_hypotheses, other_hypotheses
@@ -44,6 +46,7 @@ def register(
     preset: Literal["default", "paper"] = "default",
     config: Config | Mapping[str, Any] | None = None,
     gravity_aligned: bool = False,
+    allow_changes: bool = False,
     init_guess: object = None,
     guess_uncertainty: tuple[float, float] | None = None,
     on_stage: Callable[[str], None] | None = None,
@@ -57,6 +60,8 @@ def register(
         config: Settings of the stages: a `Config`, nested tables, or None for the defaults. The preset "paper" reads
             the groups `paper` and `evidence` alone.
         gravity_aligned: The z axes of both maps point up, so that only yaw is unknown; default preset only.
+        allow_changes: Accept a pose although things were moved between the maps, which another storey of one plan looks
+            like, too; `stats["contradictions"]` lists them. Default preset only.
         init_guess: A (4, 4) `T_a_b` that is tried as one more hypothesis; default preset only.
         guess_uncertainty: Bounds around the guess: poses that put map b's centroid farther from where the guess puts it
             than the first number [m], or turn it by more than the second [rad], are left out.
@@ -71,10 +76,12 @@ def register(
             (`pipeline/memory_need.py`).
     """
     check_choice("preset", preset, ("default", "paper"))
-    if preset == "paper" and (gravity_aligned or init_guess is not None or guess_uncertainty is not None):
+    if preset == "paper" and (
+        gravity_aligned or allow_changes or init_guess is not None or guess_uncertainty is not None
+    ):
         raise InputError(
-            "preset 'paper' takes neither gravity_aligned nor init_guess nor guess_uncertainty, which the published "
-            "method does not know; leave them out or take the preset 'default'."
+            "preset 'paper' takes none of gravity_aligned, allow_changes, init_guess and guess_uncertainty, which the "
+            "published method does not know; leave them out or take the preset 'default'."
         )
     settings = config_from(config)
     # What cannot be used is refused before minutes of work, and beside an empty map too.
@@ -93,7 +100,7 @@ def register(
         stages.announce("the paper's pipeline")
         found = register_paper(a, b, settings.paper, conflict_weight=settings.evidence.conflict_weight)
         return replace(found, stats=found.stats | _isolated(isolated_a, isolated_b))
-    again = partial(register, config=settings, gravity_aligned=gravity_aligned)
+    again = partial(register, config=settings, gravity_aligned=gravity_aligned, allow_changes=allow_changes)
     # At a voxel size that suits both, one of the maps would vanish in a voxel.
     unit = far_unit(a, b)
     named = None if unit is None else in_other_unit(a, b, unit, again)
@@ -109,6 +116,7 @@ def register(
         features_b,
         config=settings,
         gravity_aligned=gravity_aligned,
+        allow_changes=allow_changes,
         init_guess=init_guess,
         guess_uncertainty=guess_uncertainty,
         on_stage=on_stage,
@@ -123,6 +131,7 @@ def register_features(
     *,
     config: Config | Mapping[str, Any] | None = None,
     gravity_aligned: bool = False,
+    allow_changes: bool = False,
     init_guess: object = None,
     guess_uncertainty: tuple[float, float] | None = None,
     on_stage: Callable[[str], None] | None = None,
@@ -135,6 +144,7 @@ def register_features(
         b: The map that is moved.
         config: Settings of the stages: a `Config`, nested tables, or None for the defaults.
         gravity_aligned: Whether only yaw is unknown, see `register`.
+        allow_changes: Whether things that were moved are no reason against a pose, see `register`.
         init_guess: A (4, 4) `T_a_b` that is tried as one more hypothesis.
         guess_uncertainty: Distance [m] and angle [rad] from the guess beyond which poses are left out.
         on_stage: Called with the name of each stage as it starts.
@@ -153,10 +163,17 @@ def register_features(
     )
     free_space = worse_free_space(a, b)
     has_free_space = a.prepared.has_free_space and b.prepared.has_free_space
-    known = {"has_free_space": has_free_space, "is_inferred": free_space == "inferred"}
     release_kernels_if_crowded()
 
-    options = {"settings": settings, "known": known, "stages": stages, "pose_range": pose_range}
+    verdict = partial(
+        _verdict, settings=settings, is_inferred=free_space == "inferred", allow_changes=allow_changes
+    )
+    options = {
+        "settings": settings,
+        "verdict": verdict,
+        "stages": stages,
+        "pose_range": pose_range,
+    }
     search = partial(_search, guess=guess, **options)
     factor = needed_coarsening(a, b, settings)
     if factor == 1:
@@ -166,7 +183,7 @@ def register_features(
             a, b, factor, search, settings=settings, stages=stages, pose_range=pose_range, guess=guess
         )
         with stages.stage("leaders"):
-            leaders = weigh_pieces(a.prepared, b.prepared, leaders, settings.verdict)
+            leaders = weigh_rivals(a, b, leaders, settings.verdict)
         # The wider the maps, the coarser the copies: what corners and descriptors tell is in the voxels themselves.
         through_copies = partial(
             leaders_through_copies,
@@ -181,11 +198,16 @@ def register_features(
     # The second round may find nothing either; then there is no pose to refine.
     if len(leaders.poses) == 0:
         return nothing_found(finding.reason, RESULTS.too_few_corners, counts | {"seconds": stages.seconds})
+    if has_free_space:
+        with stages.measure("contradictions"):
+            against = find_contradictions(a, b, leaders.poses[0], settings.verdict)
+        counts["contradictions"] = [piece._asdict() for piece in against.pieces]
     # Where something speaks against the pose, map b may be mirrored, or have another scale.
-    decided = partial(decide, settings=settings.verdict, **known)
     explained = explain(
-        Questioned(a, b, leaders, finding, factor), decide=decided, settings=settings, stages=stages
+        Questioned(a, b, leaders, finding, factor), decide=verdict, settings=settings, stages=stages
     )
+    standing = explained.finding.standing
+    counts["verdict"] = None if standing is None else standing._asdict()
 
     # The pose: the best leader, refined once more against both maps, with its covariance.
     with stages.stage("verdict"):
@@ -212,7 +234,7 @@ def _search(
     b: MapFeatures,
     *,
     settings: Config,
-    known: dict[str, bool],
+    verdict: Decide,
     stages: Stages,
     pose_range: PoseRange,
     guess: np.ndarray | None,
@@ -223,7 +245,7 @@ def _search(
         a: First map.
         b: Second map.
         settings: Settings of the stages.
-        known: What the verdict knows of the maps' free space.
+        verdict: What is found of leaders.
         stages: Keeps the seconds of each stage.
         pose_range: The poses that can be.
         guess: One more pose (4, 4) to try, or None.
@@ -235,7 +257,7 @@ def _search(
     # 2. Leaders: distinct poses, refined and judged by all voxels; rivals net of conflicts that hang together.
     with stages.stage("leaders"):
         leaders = find_leaders(a.prepared, b.prepared, proposed, settings.leader, settings.evidence)
-        leaders = weigh_pieces(a.prepared, b.prepared, leaders, settings.verdict)
+        leaders = weigh_rivals(a, b, leaders, settings.verdict)
 
     def leaders_of(a: MapFeatures, b: MapFeatures, more: Proposals) -> Leaders:
         with stages.stage("leaders"):
@@ -249,7 +271,7 @@ def _search(
         counts,
         leaders_of=leaders_of,
         settings=settings,
-        known=known,
+        verdict=verdict,
         stages=stages,
         pose_range=pose_range,
     )
@@ -263,7 +285,7 @@ def _with_other_sources(
     *,
     leaders_of: Callable[[MapFeatures, MapFeatures, Proposals], Leaders],
     settings: Config,
-    known: dict[str, bool],
+    verdict: Decide,
     stages: Stages,
     pose_range: PoseRange,
 ) -> tuple[Leaders, Finding, dict[str, Any]]:
@@ -276,11 +298,11 @@ def _with_other_sources(
         counts: What was counted so far.
         leaders_of: Finds the leaders among more hypotheses.
         settings: Settings of the stages.
-        known: What the verdict knows of the maps' free space.
+        verdict: What is found of leaders.
         stages: Keeps the seconds of each stage.
         pose_range: The poses that can be.
     """
-    finding = decide(leaders.judgement, settings.verdict, **known)
+    finding = verdict(b, leaders)
     is_settled = finding.verdict == "accepted" or finding.none < settings.verdict.max_none
     if is_settled and not settings.source.thorough:
         return leaders, finding, counts
@@ -290,8 +312,22 @@ def _with_other_sources(
     found = leaders_of(a, b, more)
     with stages.stage("leaders"):
         leaders = merge_leaders(a.prepared, b.prepared, leaders, found, settings.leader)
-        leaders = weigh_pieces(a.prepared, b.prepared, leaders, settings.verdict)
-    return leaders, decide(leaders.judgement, settings.verdict, **known), counts
+        leaders = weigh_rivals(a, b, leaders, settings.verdict)
+    return leaders, verdict(b, leaders), counts
+
+
+def _verdict(
+    b: MapFeatures, leaders: Leaders, *, settings: Config, is_inferred: bool, allow_changes: bool
+) -> Finding:
+    """What the evidence of the leaders says against what chance gives in this pair."""
+    chance = chance_level(b.prepared, leaders, settings.verdict, settings.leader)
+    return decide(
+        leaders.judgement,
+        chance,
+        settings.verdict,
+        is_inferred=is_inferred,
+        allow_changes=allow_changes,
+    )
 
 
 def _isolated(num_a: int, num_b: int) -> dict[str, int]:

@@ -128,6 +128,10 @@ def _pair_report(a: int, b: int, registration: Registration, middle_b: np.ndarra
         "handedness": stats.get("handedness"),
         "scale": stats.get("scale"),
         "num_isolated": [stats.get(f"num_isolated_{name}", 0) for name in "ab"],
+        # What the confidence rests on: strength, chance, contradictions and rivals; None where nothing was found.
+        "standing": stats.get("verdict"),
+        # Things of one map in free space of the other: which map shows them, how large they are [m^2], and where.
+        "contradictions": stats.get("contradictions", []),
         "seconds": stats.get("seconds", {}),
     }
 

@@ -29,8 +29,7 @@ class Evidence(eqx.Module):
         num_conflicts: Number that land in free space, counted alike.
         support: Agreement along the worst direction, 1 when all surfaces agree; near 0 where the pose can slide.
         shared_area: Surface of both maps that agrees [m^2]; 0 for poses that are no rivals for the first place.
-        contradiction_area: Surface of both maps in conflicts that hang together, at least 1 m^2 each [m^2]; 0 for poses
-            that are no rivals.
+        contradiction_area: Surface of both maps in conflicts that hang together [m^2]; 0 for poses that are no rivals.
     """
 
     score: float
@@ -48,7 +47,8 @@ class Hypothesis(eqx.Module):
 
     Attributes:
         T_a_b: float64 (4, 4), maps points of b into a.
-        score: Evidence score; comparable between hypotheses of one pair.
+        score: What hypotheses of one pair are ordered by: balanced evidence, or where free space is not known what of
+            it lies exactly on the other map's surface; net of whole pieces that contradict.
         source: What proposed it: "corner", "virtual corner", "subgraph", "descriptor", "exhaustive", "guess"
             (`registration/hypotheses/proposals.py`).
         evidence: The counts behind the score.
@@ -79,7 +79,10 @@ class Registration(eqx.Module):
             away from the rest of their map, which are left aside, `maps/isolated.py`), "voxel_size" at which the maps
             were compared [m] and "voxel_size_reason"; "scale" (what the lengths of map b would have to be multiplied
             by, and the standard error of its logarithm) and, where something spoke against the pose, "handedness"
-            (scores of map b and of its mirror image); "num_corners_a" and
+            (scores of map b and of its mirror image); "verdict" (strength of the best pose, what chance reaches, what
+            contradicts it, and how many poses rival it, `registration/judging/verdict.py`); "contradictions" where
+            both maps know free space: things of one map that stand in free space of the other, as {"occupied_in": "a"
+            or "b", "area" [m^2], "low" and "high" corner of the box around it in frame a [m]}; "num_corners_a" and
             "num_corners_b" only where corners were looked for, that is where the first round of hypotheses did not
             decide.
     """

@@ -13,11 +13,12 @@ from voxjax.registration.causes.handedness import (
 )
 from voxjax.registration.causes.settings import CauseConfig
 from voxjax.registration.judging.judgement import no_judgement
-from voxjax.registration.judging.leaders import Leaders
+from voxjax.registration.judging.leaders import Leaders, Tried
 
 CAUSE = CauseConfig()
 UNSURE = ACCEPTED._replace(verdict="ambiguous", confidence=0.7)
-NONE = Leaders(np.zeros((0, 4, 4)), no_judgement(6.0), ())
+NOWHERE = np.zeros((0, 4, 4))
+NONE = Leaders(NOWHERE, no_judgement(6.0, has_free_space=True), (), Tried(NOWHERE, np.zeros(0)))
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from voxjax.registration.judging.conflict_pieces import net_scores, rivals
 from voxjax.registration.judging.judgement import Judgement
 from voxjax.registration.judging.settings import VerdictConfig
 from voxjax.registration.judging.verdict import decide, probabilities, support
@@ -11,79 +10,139 @@ from voxjax.registration.judging.verdict import decide, probabilities, support
 BOUNDS = VerdictConfig()
 
 
-def judgement(*poses):
-    """Each pose: hits, conflicts, least eigenvalue of the agreement, pieces [m^2]; all share 1000 m^2."""
-    hits, conflicts, weakest, pieces = np.asarray(poses, np.float64).reshape(-1, 4).T
+def judgement(*poses, has_free_space=True):
+    """Each pose: hits, conflicts, least eigenvalue of the agreement, share of things that contradict.
+
+    Agreement along the worst direction is exact.
+    """
+    hits, conflicts, weakest, changed = np.asarray(poses, np.float64).reshape(-1, 4).T
     information = (
         np.stack([np.diag([w, 0.3, 0.4]) / 3 for w in weakest]) if len(poses) else np.zeros((0, 3, 3))
     )
-    return Judgement(hits, conflicts, np.zeros(len(hits)), information, pieces, np.full(len(hits), 1000.0))
+    nothing = np.zeros(len(hits))
+    return Judgement(
+        *(
+            hits,
+            conflicts,
+            nothing,
+            information,
+            changed,
+            100.0 * changed,
+            changed,
+            nothing + 1.0,
+            weakest,
+            hits,
+        ),
+        has_free_space=has_free_space,
+    )
 
 
-GOOD, WEAK = (0.6, 0.003, 0.2, 0.5), (0.04, 0.0, 0.001, 0.0)
+GOOD, WEAK = (0.6, 0.003, 0.2, 0.0), (0.04, 0.0, 0.001, 0.0)
 
 
 @pytest.mark.parametrize(
-    ("poses", "has_free_space", "expected"),
+    ("poses", "chance", "has_free_space", "expected"),
     [
-        ([GOOD, WEAK], True, "accepted"),
-        ([GOOD], True, "accepted"),
-        ([WEAK, WEAK], True, "no_overlap"),
-        ([], True, "no_overlap"),
-        ([(0.2, 0.1, 0.2, 0.0)], True, "no_overlap"),
-        ([GOOD, (0.59, 0.003, 0.2, 0.5)], True, "ambiguous"),
-        ([GOOD, (0.59, 0.003, 0.2, 10.0)], True, "accepted"),
-        ([(0.5, 0.003, 0.2, 0.5), (0.59, 0.003, 0.2, 15.0)], True, "accepted"),
-        ([(0.9, 0.003, 0.001, 0.0), WEAK], True, "ambiguous"),
-        ([(0.95, 0.0, 0.7, 0.0), (0.4, 0.0, 0.1, 0.0)], False, "accepted"),
-        ([(0.5, 0.0, 0.17, 0.0), (0.45, 0.0, 0.18, 0.0)], False, "no_overlap"),
+        ([GOOD, WEAK], 0.04, True, "accepted"),
+        ([GOOD], 0.02, True, "accepted"),
+        ([WEAK, WEAK], 0.03, True, "no_overlap"),
+        ([], 0.02, True, "no_overlap"),
+        ([(0.2, 0.1, 0.2, 0.0)], 0.02, True, "no_overlap"),
+        # A small share of agreement is enough where chance gives none, and not where many poses have it.
+        ([(0.2, 0.002, 0.1, 0.0)], 0.02, True, "accepted"),
+        ([(0.2, 0.002, 0.1, 0.0)] * 12, 0.09, True, "no_overlap"),
+        ([GOOD, (0.59, 0.003, 0.2, 0.0)], 0.05, True, "ambiguous"),
+        ([GOOD, (0.59, 0.003, 0.2, 0.1)], 0.05, True, "accepted"),
+        ([(0.5, 0.003, 0.2, 0.0), (0.59, 0.003, 0.2, 0.15)], 0.05, True, "accepted"),
+        ([(0.9, 0.003, 0.001, 0.0), WEAK], 0.04, True, "ambiguous"),
+        # Without free space it decides how far a pose stands out, whatever share of the maps agrees.
+        ([(0.95, 0.0, 0.7, 0.0), (0.4, 0.0, 0.1, 0.0)], 0.05, False, "accepted"),
+        ([(0.4, 0.0, 0.1, 0.0), (0.38, 0.0, 0.01, 0.0)], 0.003, False, "accepted"),
+        ([(0.5, 0.0, 0.17, 0.0), (0.45, 0.0, 0.18, 0.0)], 0.01, False, "ambiguous"),
+        ([(0.5, 0.0, 0.17, 0.0), (0.45, 0.0, 0.18, 0.0)], 0.03, False, "no_overlap"),
     ],
 )
-def test_verdict_and_confidence_go_together(poses, has_free_space, expected):
-    finding = decide(judgement(*poses), BOUNDS, has_free_space=has_free_space)
+def test_verdict_and_confidence_go_together(poses, chance, has_free_space, expected):
+    finding = decide(judgement(*poses, has_free_space=has_free_space), chance, BOUNDS)
     assert finding.verdict == expected
     assert 0.0 <= finding.confidence <= 1.0
     assert (finding.confidence >= BOUNDS.min_confidence) == (expected == "accepted")
     assert finding.reason
 
 
-def test_probabilities_are_a_choice_among_the_leaders_and_none():
-    chance = probabilities(judgement(GOOD, (0.5, 0.003, 0.2, 0.5), WEAK), has_free_space=True)
-    assert chance.shape == (4,)
-    np.testing.assert_allclose(chance.sum(), 1.0)
-    assert chance[1] > chance[2] > chance[3]
-    alone = probabilities(judgement(GOOD), has_free_space=True)
-    assert alone[1] > chance[1]
+@pytest.mark.parametrize("has_free_space", [True, False])
+def test_probabilities_are_a_choice_among_the_leaders_and_none(has_free_space):
+    three = judgement(GOOD, (0.5, 0.003, 0.2, 0.0), WEAK, has_free_space=has_free_space)
+    shares = probabilities(three, 0.01)
+    assert shares.shape == (4,)
+    np.testing.assert_allclose(shares.sum(), 1.0)
+    assert shares[1] > shares[2] > shares[3] == 0.0
+    alone = probabilities(judgement(GOOD, has_free_space=has_free_space), 0.01)
+    assert alone[1] > shares[1]
+    assert alone[0] < shares[0]
+
+
+def test_the_more_chance_reaches_the_less_a_pose_is_worth():
+    shares = [probabilities(judgement(GOOD, WEAK), chance)[1] for chance in (0.02, 0.05, 0.1, 0.3, 0.6)]
+    assert (np.diff(shares) < 0).all()
 
 
 def test_beside_rivals_the_best_must_be_clean_itself():
-    unclean = judgement((0.6, 0.003, 0.2, 4.0), (0.55, 0.003, 0.2, 50.0))
-    finding = decide(unclean, BOUNDS, has_free_space=True)
+    unclean = judgement((0.6, 0.003, 0.2, 0.03), (0.55, 0.003, 0.2, 0.3))
+    finding = decide(unclean, 0.04, BOUNDS)
     assert finding.verdict == "ambiguous"
-    assert finding.confidence > 0.9
-    assert "pieces" in finding.reason
-    alone = judgement((0.6, 0.003, 0.2, 4.0), WEAK)
-    assert decide(alone, BOUNDS, has_free_space=True).verdict == "accepted"
+    assert "things of together" in finding.reason
+    clean = judgement((0.6, 0.003, 0.2, 0.0), (0.55, 0.003, 0.2, 0.3))
+    assert decide(clean, 0.04, BOUNDS).verdict == "accepted"
 
 
-def test_rivals_stand_as_one_against_no_overlap():
-    one = probabilities(judgement(GOOD), has_free_space=True)
-    many = probabilities(judgement(*[GOOD] * 6), has_free_space=True)
-    np.testing.assert_allclose(one[0], many[0], rtol=1e-9)
-    np.testing.assert_allclose(many[1:], one[1] / 6)
+def test_what_contradicts_the_cleanest_rival_makes_all_of_them_less_probable():
+    nones = [probabilities(judgement((0.6, 0.003, 0.2, share)), 0.04)[0] for share in (0.0, 0.01, 0.05, 0.2)]
+    assert (np.diff(nones) > 0).all()
 
 
-def test_only_pieces_beyond_those_of_the_cleanest_rival_count():
-    both = judgement((0.6, 0.0, 0.2, 2.0), (0.5, 0.0, 0.2, 2.0), (0.1, 0.0, 0.2, 0.0))
-    np.testing.assert_array_equal(rivals(both), [True, True, False])
-    np.testing.assert_allclose(net_scores(both), both.score())
-    one = judgement((0.6, 0.0, 0.2, 3.0), (0.5, 0.0, 0.2, 0.0))
-    np.testing.assert_allclose(net_scores(one), [0.15, 0.5])
+def test_the_more_poses_are_equally_strong_the_less_likely_one_of_them_is_right():
+    nones = [probabilities(judgement(*[GOOD] * count), 0.04)[0] for count in (1, 2, 6, 12)]
+    assert (np.diff(nones) > 0).all()
+    shares = probabilities(judgement(*[GOOD] * 6), 0.04)[1:]
+    np.testing.assert_allclose(shares, shares[0])
+
+
+@pytest.mark.parametrize(
+    ("poses", "chance", "has_free_space", "words"),
+    [
+        ([WEAK, WEAK], 0.03, True, "times as strong as what chance gives"),
+        ([WEAK, WEAK], 0.03, False, "sensor origins"),
+        ([GOOD, (0.59, 0.003, 0.2, 0.0)], 0.05, True, "Another pose explains the maps almost as well"),
+        ([(0.9, 0.003, 0.001, 0.0), WEAK], 0.04, True, "slide along a direction"),
+        ([(0.9, 0.12, 0.5, 0.0), WEAK], 0.04, True, "contradict each other too often"),
+        ([(0.1, 0.002, 0.1, 0.0)], 0.03, True, "stands out of chance, but not by enough"),
+        ([GOOD, WEAK], 0.04, True, "One pose stands out"),
+    ],
+)
+def test_reasons_say_what_decided(poses, chance, has_free_space, words):
+    finding = decide(judgement(*poses, has_free_space=has_free_space), chance, BOUNDS)
+    assert words in finding.reason
+
+
+def test_things_that_contradict_make_a_pose_ambiguous_unless_changes_are_allowed():
+    changed = judgement((0.6, 0.003, 0.2, 0.1), WEAK)
+    doubted = decide(changed, 0.04, BOUNDS)
+    assert doubted.verdict == "ambiguous"
+    assert doubted.confidence <= 0.5
+    assert "10 % of what is no wall, floor or ceiling" in doubted.reason
+    assert "--allow-changes" in doubted.reason
+    allowed = decide(changed, 0.04, BOUNDS, allow_changes=True)
+    assert allowed.verdict == "accepted"
+    np.testing.assert_allclose(allowed.confidence, decide(judgement(GOOD, WEAK), 0.04, BOUNDS).confidence)
+    # What does not stand out of chance does not for being allowed to contradict.
+    assert decide(judgement(*[WEAK] * 3), 0.02, BOUNDS, allow_changes=True).verdict == "no_overlap"
 
 
 def test_support_is_the_agreement_along_the_worst_direction():
     information = np.stack(
         [np.eye(3) / 3, np.diag([0.4, 0.3, 0.4]) / 3 * [1, 1 / 3, 1], np.diag([1.0, 1.0, 0.0])]
     )
-    full = Judgement(np.ones(3), np.zeros(3), np.zeros(3), information, np.zeros(3), np.zeros(3))
+    one, nothing = np.ones(3), np.zeros(3)
+    full = Judgement(one, one, one, information, nothing, nothing, nothing, nothing, nothing, nothing)
     np.testing.assert_allclose(support(full), [1.0, 0.1, 0.0], atol=1e-12)

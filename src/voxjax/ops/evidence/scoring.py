@@ -1,8 +1,6 @@
 """What the voxels of one map meet in the other one under a pose: hits, conflicts, or nothing known."""
 
-import math
 from collections.abc import Sequence
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -12,12 +10,12 @@ from jaxtyping import Bool, Float32, Int32, UInt8, UInt32
 
 from ..._runtime.forks import refused_after_fork
 from ..._runtime.materialize import materialized
-from ..._runtime.pieces import PIECES, sum_over_pieces
-from ..._runtime.placement import on_host
+from ..._runtime.pieces import PIECES
 from ..._runtime.programs import kept_program
 from ..._types import FREE, Array
 from .lookup import Block, entries, row_entries, turn_columns, values_at
 from .nearest import split_keys
+from .pose_sums import pose_sums, sums_of, sums_of_piece
 
 NOTHING = np.uint8(0)
 HIT = np.uint8(1)
@@ -84,7 +82,7 @@ class SurfaceField(NamedTuple):
         kind, gain = materialized(lambda: self._judged(T, code, met, normals, weights), is_valid)
         parts = [jnp.where(kind == k, weights, 0.0) for k in (HIT, CONFLICT, NEUTRAL, _OPPOSED)]
         parts += [gain * met[i] * met[j] for i in range(3) for j in range(i, 3)]
-        return _sums_of(parts)
+        return sums_of(parts)
 
     def _cells(self, T: Array, points: Array) -> Array:
         """Cells of points, -1 beyond the block."""
@@ -110,22 +108,6 @@ class SurfaceField(NamedTuple):
         return jnp.where(is_opposed, _OPPOSED, code), jnp.where(is_hit, weights * jnp.abs(cosine), 0.0)
 
 
-def _sums_of(parts: Sequence[Array]) -> Float32[Array, "m"]:
-    """Sum of each of many arrays of one length, in one pass.
-
-    Apart, XLA writes each array down on a CPU before it sums it, and starts a kernel for either.
-    """
-    # Partial sums that run side by side in a vector, their number one that divides the length.
-    lanes = math.gcd(parts[0].shape[0], 8)
-    columns = tuple(part.astype(jnp.float32).reshape(-1, lanes) for part in parts)
-    sums = jax.lax.reduce(columns, (jnp.float32(0),) * len(parts), _add_each, (0,))
-    return jnp.sum(jnp.stack(sums), axis=1)
-
-
-def _add_each(left: tuple, right: tuple) -> tuple:
-    return tuple(a + b for a, b in zip(left, right, strict=True))
-
-
 class CodeField(NamedTuple):
     """Evidence codes and where they lie."""
 
@@ -142,65 +124,16 @@ class CodeField(NamedTuple):
         return jnp.stack([jnp.sum(jnp.where(code == k, weights, 0.0), dtype=jnp.float32) for k in kinds])
 
 
-def _sums_of_piece(field: SurfaceField | CodeField, *piece: Array) -> Float32[Array, "p m"]:
-    """Sums under the first `count` of some poses, what follows is of no use; `piece`: lists, poses, count."""
-    *lists, poses, count = piece
-    columns = [rows.T for rows in lists]
-    # A step of the loop costs as much as some hundred lookups; but arrays of two axes cost twice those of one.
-    # So short lists take some poses in one step, of about 1024 lookups.
-    together = max(1024 // columns[0].shape[1], 1)
-
-    def one(i: jax.Array, sums: jax.Array) -> jax.Array:
-        return sums.at[i].set(field.sums(poses[i], *columns))
-
-    def some(i: jax.Array, sums: jax.Array) -> jax.Array:
-        # Lists have the lengths of `PIECES`, so `together` divides the 512 poses: no slice reaches past their end,
-        # where JAX would move it back in silence.
-        step = jax.lax.dynamic_slice_in_dim(poses, i * together, together)
-        found = jax.vmap(lambda T: field.sums(T, *columns))(step)
-        return jax.lax.dynamic_update_slice_in_dim(sums, found, i * together, 0)
-
-    # The number of sums is asked of the shapes alone: nothing is computed for it.
-    width = jax.eval_shape(field.sums, poses[0], *columns).shape[0]
-    start = jnp.zeros((poses.shape[0], width), jnp.float32)
-    num_steps = (count + together - 1) // together
-    return jax.lax.fori_loop(0, num_steps, one if together == 1 else some, start)
-
-
 @kept_program
 @jax.jit
 def _surface_piece(field: SurfaceField, *piece: Array) -> Float32[Array, "p 10"]:
-    return _sums_of_piece(field, *piece)
+    return sums_of_piece(field, *piece)
 
 
 @kept_program
 @jax.jit
 def _code_piece(field: CodeField, *piece: Array) -> Float32[Array, "p 3"]:
-    return _sums_of_piece(field, *piece)
-
-
-@partial(jax.jit, static_argnames=("batch_size",))
-def _sums_at_once(field: SurfaceField | CodeField, lists: tuple, poses: Array, batch_size: int) -> Array:
-    columns = [rows.T for rows in lists]
-    return jax.lax.map(lambda T: field.sums(T, *columns), poses, batch_size=batch_size)
-
-
-def _sums(field: SurfaceField | CodeField, lists: tuple, poses: Array, batch_size: int) -> Array:
-    # Points of a piece of `surface_evidence` at most: what its steps write down stays in the cache of a core.
-    surface_piece = 8192
-    # Without points or poses there is no piece to sum; the one kernel gives sums of the right shape.
-    if not on_host(field, lists, poses) or not (len(poses) and len(lists[0])):
-        return _sums_at_once(field, lists, poses, batch_size)
-    # The tables are put there once, and all pieces take them as they are.
-    held = jax.device_put(field)
-    kernel, most = (
-        (_code_piece, PIECES[-1]) if isinstance(field, CodeField) else (_surface_piece, surface_piece)
-    )
-    found = sum_over_pieces(
-        partial(kernel, held), [np.asarray(a) for a in lists], np.asarray(poses), most=most
-    )
-    # Pieces are added up in float64, in their order: the sum is the same however many cores there are.
-    return found.astype(np.float32)
+    return sums_of_piece(field, *piece)
 
 
 @refused_after_fork
@@ -243,7 +176,10 @@ def surface_evidence(
         information of the hits, the weighted sum of `n n^T` in the frame of the block.
     """
     field = SurfaceField(codes, keys, Block.of(*block), surface_normals, jnp.asarray(is_signed, jnp.bool_))
-    sums = _sums(field, (points, normals, weights), poses, batch_size)
+    # What the steps of a piece of so many points write down stays in the cache of a core.
+    sums = pose_sums(
+        _surface_piece, field, (points, normals, weights), poses, most=8192, batch_size=batch_size
+    )
     # Six sums are the upper triangle of the symmetric information.
     information = sums[:, np.asarray([4, 5, 6, 5, 7, 8, 6, 8, 9])].reshape(-1, 3, 3)
     return jax.device_put((sums[:, :4], information))
@@ -273,4 +209,5 @@ def score_poses(
         For each pose the sums of the weights that hit, conflict, and are known but undecided.
     """
     field = CodeField(codes, Block.of(*block))
-    return jax.device_put(_sums(field, (points, weights), poses, batch_size))
+    sums = pose_sums(_code_piece, field, (points, weights), poses, most=PIECES[-1], batch_size=batch_size)
+    return jax.device_put(sums)

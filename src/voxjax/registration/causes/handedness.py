@@ -68,4 +68,4 @@ def mirrored_finding(finding: Finding, given: Leaders, mirrored: Leaders, found:
     )
     # At most one of both is right.
     confidence = min(finding.confidence, 1.0 - found.confidence)
-    return Finding("ambiguous", confidence, reason, finding.none)
+    return finding._replace(verdict="ambiguous", confidence=confidence, reason=reason)

@@ -9,6 +9,7 @@ from ... import rigid
 from ..._runtime.placement import to_device
 from ..._types import Array
 from ...maps.prepared import PreparedMap, sample_rows
+from ...ops.evidence.exact import exact_information
 from ...ops.evidence.scoring import surface_evidence
 from ..hypotheses.settings import EvidenceConfig
 
@@ -21,32 +22,55 @@ class Judgement(NamedTuple):
         conflicts: (k,) in clear free space.
         opposed: (k,) on a surface whose free side faces the other way.
         information: (k, 3, 3) what the hits fix, in frame a: 1/3 of the identity when everything agrees.
-        pieces: (k,) surface in conflicts that hang together, of both maps [m^2]; 0 where nobody looked
-            (`conflict_pieces`).
+        changed: (k,) share of what is no wall, floor or ceiling that contradicts in whole pieces
+            (`contradictions`); 0 where nobody looked.
+        moved: (k,) surface in these pieces, of both maps [m^2]; 0 where nobody looked.
+        pieces: (k,) surface in all conflicts that hang together, of both maps [m^2]; 0 where nobody looked.
         shared: (k,) surface that agrees, of both maps [m^2]; 0 where nobody looked.
+        exact: (k,) agreement along the worst direction of planes that lie on each other to half a voxel: 1 when all
+            surfaces of both maps do; 0 where nobody looked.
+        exact_hits: (k,) share of both maps on such planes; 0 where nobody looked.
         conflict_weight: How many hits a conflict outweighs.
+        has_free_space: Whether both maps know free space.
     """
 
     hits: np.ndarray
     conflicts: np.ndarray
     opposed: np.ndarray
     information: np.ndarray
+    changed: np.ndarray
+    moved: np.ndarray
     pieces: np.ndarray
     shared: np.ndarray
+    exact: np.ndarray
+    exact_hits: np.ndarray
     conflict_weight: float = EvidenceConfig.conflict_weight
+    has_free_space: bool = True
 
     def score(self) -> np.ndarray:
         """Hits minus weighted conflicts (k,), at most 1."""
         return self.hits - self.conflict_weight * self.conflicts
 
+    def strength(self) -> np.ndarray:
+        """What poses are compared by (k,), at most 1.
+
+        With free space, wrong poses set surface into it and lose their score. Without, most of a map may come near
+        something of the other by chance, but not lie on it: the score counts as far as planes lie on each other along
+        all directions, and by the square of their share in what agrees at all.
+        """
+        if self.has_free_space:
+            return self.score()
+        exactness = np.minimum(self.exact_hits / np.maximum(self.hits, 1e-9), 1.0)
+        return self.score() * self.exact * exactness**2
+
     def take(self, rows: np.ndarray) -> "Judgement":
         """The evidence of some of the poses."""
-        return Judgement._make([*(part[rows] for part in self[:-1]), self.conflict_weight])
+        return Judgement._make([*(part[rows] for part in self[:-2]), *self[-2:]])
 
     def joined(self, other: "Judgement") -> "Judgement":
-        """The evidence of these poses and then of others, judged with the same weight."""
-        pairs = zip(self[:-1], other[:-1], strict=True)
-        return Judgement._make([*map(np.concatenate, pairs), self.conflict_weight])
+        """The evidence of these poses and then of others, of the same maps and with the same weight."""
+        pairs = zip(self[:-2], other[:-2], strict=True)
+        return Judgement._make([*map(np.concatenate, pairs), *self[-2:]])
 
 
 def judge_poses(
@@ -69,7 +93,8 @@ def judge_poses(
         is_coarse: Judge at the tolerance of unrefined poses.
     """
     T = poses.astype(np.float32)
-    is_signed = to_device(np.bool_(a.has_free_space and b.has_free_space))
+    has_free_space = a.has_free_space and b.has_free_space
+    is_signed = to_device(np.bool_(has_free_space))
     of_b, fixed_b = _one_way(a, b, T, is_signed, num_points, is_coarse=is_coarse)
     of_a, fixed_a = _one_way(b, a, np.asarray(rigid.inverse(T)), is_signed, num_points, is_coarse=is_coarse)
     # What the hits of a fix is known in frame b; it is turned into frame a under each pose.
@@ -78,21 +103,89 @@ def judge_poses(
     # Maps count alike, whatever their sizes: each share is of the leverage of its own map.
     mean = (of_b + of_a) / 2
     nobody_looked = np.zeros(len(poses))
+    lying = np.zeros((len(poses), 3, 3)) if is_coarse else _exact_agreement(a, b, T, is_signed, num_points)
     return Judgement(
         hits=mean[:, 0],
         conflicts=mean[:, 1],
         opposed=mean[:, 3],
         information=(fixed_b + fixed_a) / 2,
+        changed=nobody_looked,
+        moved=nobody_looked,
         pieces=nobody_looked,
         shared=nobody_looked,
+        exact=along_worst_direction(lying),
+        exact_hits=np.trace(lying, axis1=1, axis2=2),
         conflict_weight=conflict_weight,
+        has_free_space=has_free_space,
     )
 
 
-def no_judgement(conflict_weight: float) -> Judgement:
+def no_judgement(conflict_weight: float, *, has_free_space: bool) -> Judgement:
     """Evidence of no pose at all."""
     nothing = np.zeros(0)
-    return Judgement(nothing, nothing, nothing, np.zeros((0, 3, 3)), nothing, nothing, conflict_weight)
+    return Judgement(
+        hits=nothing,
+        conflicts=nothing,
+        opposed=nothing,
+        information=np.zeros((0, 3, 3)),
+        changed=nothing,
+        moved=nothing,
+        pieces=nothing,
+        shared=nothing,
+        exact=nothing,
+        exact_hits=nothing,
+        conflict_weight=conflict_weight,
+        has_free_space=has_free_space,
+    )
+
+
+def along_worst_direction(information: Float[np.ndarray, "k 3 3"]) -> Float[np.ndarray, "k"]:
+    """Agreement along the direction that the hits fix least (k,): 1 when all surfaces of both maps agree."""
+    # Where everything agrees the information is a third of the identity, whose least eigenvalue is 1/3.
+    return 3.0 * np.linalg.eigvalsh(information)[:, 0]
+
+
+def _exact_agreement(
+    a: PreparedMap, b: PreparedMap, poses: np.ndarray, is_signed: Array, num_points: int | None
+) -> Float[np.ndarray, "k 3 3"]:
+    """What planes that lie on each other fix, in frame a; mean of both ways.
+
+    Args:
+        a: First map.
+        b: Second map.
+        poses: `T_a_b` candidates, float32 (k, 4, 4).
+        is_signed: Whether the sides of surfaces mean something in both maps.
+        num_points: Voxels of each map to look at, at most 8192.
+    """
+    # Few voxels tell as well as all of them how much agrees along a direction: they are drawn by leverage.
+    count = min(num_points or 8192, 8192)
+    of_b = _exact_one_way(a, b, poses, is_signed, count)
+    of_a = _exact_one_way(b, a, np.asarray(rigid.inverse(poses)), is_signed, count)
+    rotation = poses[:, :3, :3].astype(np.float64)
+    return (of_b + np.einsum("kij,kjl,kml->kim", rotation, of_a, rotation)) / 2
+
+
+def _exact_one_way(
+    target: PreparedMap, other: PreparedMap, poses: np.ndarray, is_signed: Array, num_points: int
+) -> np.ndarray:
+    """What the planes of `other` that lie on those of `target` fix (k, 3, 3), under poses of it in the target."""
+    rows = sample_rows(other, num_points)
+    # Half a voxel: what is left of the grid's rounding in the planes, and of the noise of good sensors.
+    reach = np.float32(0.5 * target.grid.voxel_size)
+    fixed = exact_information(
+        target.codes,
+        target.keys,
+        target.block,
+        target.anchors,
+        target.sides,
+        np.asarray(other.anchors)[rows],
+        np.asarray(other.sides)[rows],
+        np.full(num_points, 1.0 / num_points, np.float32),
+        poses,
+        is_signed,
+        reach=to_device(reach),
+    )
+    return np.asarray(fixed, np.float64)
 
 
 def _one_way(

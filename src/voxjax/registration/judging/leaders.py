@@ -47,6 +47,18 @@ def refine_poses(
     return np.asarray(refined)
 
 
+class Tried(NamedTuple):
+    """Poses that were refined once, the best of all hypotheses: what chance and repetition give in these two maps.
+
+    Attributes:
+        poses: float32 (m, 4, 4) `T_a_b`.
+        strengths: (m,) strength of each by some voxels (`Judgement.strength`).
+    """
+
+    poses: np.ndarray
+    strengths: np.ndarray
+
+
 class Leaders(NamedTuple):
     """Distinct refined poses, best first.
 
@@ -54,15 +66,18 @@ class Leaders(NamedTuple):
         poses: float32 (k, 4, 4) `T_a_b`.
         judgement: Evidence over all voxels.
         sources: Name of the source of each pose.
+        tried: Poses that the leaders were chosen from.
     """
 
     poses: np.ndarray
     judgement: Judgement
     sources: tuple[str, ...]
+    tried: Tried
 
     def take(self, rows: np.ndarray) -> "Leaders":
         """Some of the leaders, in the order given."""
-        return Leaders(self.poses[rows], self.judgement.take(rows), tuple(self.sources[row] for row in rows))
+        sources = tuple(self.sources[row] for row in rows)
+        return Leaders(self.poses[rows], self.judgement.take(rows), sources, self.tried)
 
 
 def find_leaders(
@@ -82,7 +97,9 @@ def find_leaders(
     poses, sources = proposals.poses, proposals.sources
     if len(poses) == 0:
         # An empty set of leaders goes through all later stages, so that the verdict has the sentence for it.
-        return Leaders(poses, no_judgement(weights.conflict_weight), ())
+        has_free_space = a.has_free_space and b.has_free_space
+        nothing = no_judgement(weights.conflict_weight, has_free_space=has_free_space)
+        return Leaders(poses, nothing, (), Tried(poses, np.zeros(0)))
     coarse, weight = weights.coarse_conflict_weight, weights.conflict_weight
 
     # 1. All hypotheses by few points; of those that are alike the best.
@@ -107,7 +124,8 @@ def find_leaders(
         final_distance=settings.rough_final_distance,
     )
     judged = judge_poses(a, b, refined, num_points=settings.num_rough_judges, conflict_weight=weight)
-    kept = _best_refined(a, b, refined, judged.score(), settings)
+    tried = Tried(refined, judged.strength())
+    kept = _best_refined(a, b, refined, judged.strength(), settings)
     rows, refined = rows[kept], refined[kept]
 
     # 4. Refined more closely, and judged by all voxels.
@@ -121,8 +139,8 @@ def find_leaders(
         final_distance=settings.fine_final_distance,
     )
     judged = judge_poses(a, b, refined, num_points=None, conflict_weight=weight)
-    leaders = Leaders(refined, judged, tuple(sources[row] for row in rows))
-    return leaders.take(_best_refined(a, b, refined, judged.score(), settings))
+    leaders = Leaders(refined, judged, tuple(sources[row] for row in rows), tried)
+    return leaders.take(_best_refined(a, b, refined, judged.strength(), settings))
 
 
 def merge_leaders(
@@ -133,8 +151,9 @@ def merge_leaders(
         np.concatenate([first.poses, second.poses]),
         first.judgement.joined(second.judgement),
         (*first.sources, *second.sources),
+        Tried._make(map(np.concatenate, zip(first.tried, second.tried, strict=True))),
     )
-    return both.take(_best_refined(a, b, both.poses, both.judgement.score(), settings))
+    return both.take(_best_refined(a, b, both.poses, both.judgement.strength(), settings))
 
 
 def _best_unrefined(

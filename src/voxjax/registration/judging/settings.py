@@ -67,27 +67,38 @@ class VerdictConfig(Settings, table="verdict"):
         min_confidence: Least probability of an accepted pose.
         min_confidence_beside_rivals: Least probability of an accepted pose where free space must decide between poses
             that score alike.
+        min_chance: Strength that chance is taken to reach at least, in pairs of which few poses were tried.
+        min_exact_chance: Likewise where free space is not known, and strengths are smaller (`Judgement.strength`).
         max_conflict: Largest share of conflicts among the voxels that hit or conflict.
         min_support: Least agreement along the worst direction, as a share of all that both maps could show.
-        max_pieces: Largest area of conflicts that hang together, as a share of the surface that agrees, where other
-            poses score almost as well.
-        min_piece_area: Conflicts that hang together count from so much surface on [m^2]: noise and grazing rays leave
-            less.
-        min_rival_share: Poses with less than this share of the best score are no rivals, and nobody looks for their
-            pieces.
-        rival_weight: Rivals are as probable as their score to this power. How much the maps should overlap is not known
-            beforehand, and the true pose among equal rooms is often not the one that agrees most: between rivals the
-            score weighs less than it does against no overlap at all. Pieces weigh less than generated pairs of equal
-            rooms alone would have it (`python -m bench verdict_fit`), where only doors and a little furniture move.
+        max_changes: Largest share of the surface apart from walls, floors and ceilings that may stand in free space of
+            the other map in pieces that hang together, beyond what drift explains (`contradictions`).
+        max_changes_beside_rivals: Likewise where other poses agree almost as well: the right one is clean.
+        usual_changes: Share that contradicts under any pose, from noise and people.
+        usual_pieces: Surface that conflicts in pieces under any pose, as a share of what agrees: rivals are told apart
+            by what is beyond it.
+        min_piece_voxels: Such a piece has at least so many voxels: noise and grazing rays leave less.
+        min_structure_share: Walls, floors and ceilings are planes with at least this share of a map's voxels.
+        min_rival_share: Poses with less than this share of the best strength are no rivals, and nobody looks for what
+            contradicts them.
+        rival_weight: Rivals are as probable as their strength, net of what contradicts them, to this power. How much
+            the maps should overlap is not known beforehand, and the true pose among equal rooms is often not the one
+            that agrees most: between rivals the strength weighs less than it does against chance.
         max_none: Other sources are asked only if no leader is right with at least this probability.
     """
 
     min_confidence: float = setting(0.85, low=0.0, high=1.0)
     min_confidence_beside_rivals: float = setting(0.9, low=0.0, high=1.0)
+    min_chance: float = setting(0.02, above=0.0, high=1.0)
+    min_exact_chance: float = setting(0.0001, above=0.0, high=1.0)
     max_conflict: float = setting(0.08, low=0.0, high=1.0)
     min_support: float = setting(0.005, low=0.0, high=1.0)
-    max_pieces: float = setting(0.003, low=0.0, high=1.0)
-    min_piece_area: float = setting(1.0, low=0.0, high=1_000_000.0)
+    max_changes: float = setting(0.035, low=0.0, high=1.0)
+    max_changes_beside_rivals: float = setting(0.02, low=0.0, high=1.0)
+    usual_changes: float = setting(0.01, above=0.0, high=1.0)
+    usual_pieces: float = setting(0.001, above=0.0, high=1.0)
+    min_piece_voxels: int = setting(30, low=1, high=1_000_000)
+    min_structure_share: float = setting(0.01, low=0.0, high=1.0)
     min_rival_share: float = setting(0.5, low=0.0, high=1.0)
     rival_weight: float = setting(3.0, low=0.0, high=100.0)
     max_none: float = setting(0.1, low=0.0, high=1.0)

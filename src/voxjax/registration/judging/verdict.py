@@ -1,16 +1,18 @@
-"""The verdict: which pose is right, how probable is that, or is there no overlap worth the name?
+"""The verdict: which pose is right, how probable is that, or does nothing stand out of chance?
 
-The model is a choice in two steps. First: is a leader right, or none of them? A leader i has the weight exp(u_i) with
+Each pose has a strength (`Judgement.strength`). The poses that are about as strong as the best are its rivals, and
+chance is what the strongest of all other poses of the pair reaches. First: is one of the rivals right? The logarithm of
+the odds is
 
-    u_i = score * log(score_i) + support * log(support_i),
+    none + strength * log(s) + contrast * log(s / chance) - changed * log(1 + c / usual) - crowd * log(n),
 
-"none" has exp(none), and the probability of each is its share of the sum (a conditional logit). The support is the
-agreement along the worst direction, which two storeys of different buildings do not have. Second, where free space is
-known: the leaders that score about as well as the best (the rivals) stand in the first step as one, and among them the
-contradictions decide, not the agreement: how much the maps should overlap is not known beforehand (`conflict_pieces`).
-The coefficients were fitted by maximum likelihood on generated pairs of one building, of different buildings and of
-equal rooms, with free space and without (`python -m bench verdict_fit`); `python -m bench calibration` holds the
-probabilities against the truth on other ones.
+with s the strength of the best of n rivals, and c what contradicts the cleanest of them (`contradictions`). The
+contrast is what holds everywhere. Where many poses are equally strong, chance or repetition makes them, and the right
+one need not be among the leaders. Second: which of the rivals? The strongest, net of what contradicts it (`rivals`).
+Third: things that stand in free space of the other map, beyond what drift explains, make a pose ambiguous.
+
+The coefficients lie near those of greatest likelihood on families of generated places, each of them left out once to
+see that they hold where they were not fitted (`python -m bench verdict_fit`), rounded to the side of fewer accepts.
 """
 
 from typing import NamedTuple
@@ -18,8 +20,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..types import Verdict
-from .conflict_pieces import net_scores, rivals
-from .judgement import Judgement
+from .judgement import Judgement, along_worst_direction
+from .rivals import net_strengths, rivals
 from .settings import VerdictConfig
 
 
@@ -27,21 +29,48 @@ class Coefficients(NamedTuple):
     """Coefficients of the model.
 
     Attributes:
-        none: Weight of no overlap.
-        score: Coefficient of the logarithm of the score.
-        support: Coefficient of the logarithm of the support.
+        none: Logarithm of the odds of a single, clean pose of strength 1 that chance reaches, too.
+        strength: Coefficient of the logarithm of the strength.
+        contrast: Coefficient of the logarithm of the strength over chance.
+        changed: Coefficient of the logarithm of how much more contradicts than in any pose.
+        crowd: Coefficient of the logarithm of the number of rivals.
     """
 
     none: float
-    score: float
-    support: float
+    strength: float
+    contrast: float
+    changed: float
+    crowd: float
 
 
-WITH_FREE_SPACE = Coefficients(none=-12.4, score=6.4, support=0.0)
-WITHOUT_FREE_SPACE = Coefficients(none=-6.2, score=3.1, support=3.0)
-"""Without free space nothing can speak against a pose, and chance agreement is large: the evidence must stand out.
-Fitted on stripped pairs before free space was inferred; `verdict_fit` on others gave -6.5, 3.6, 4.0. The pairs that
-still come here are half scans, of which there are none among generated ones."""
+WITH_FREE_SPACE = Coefficients(none=4.0, strength=2.0, contrast=1.7, changed=2.5, crowd=1.4)
+WITHOUT_FREE_SPACE = Coefficients(none=-3.4, strength=0.0, contrast=2.2, changed=0.0, crowd=1.0)
+"""Without free space nothing can speak against a pose, and how large a share of a map agrees says little."""
+
+
+class Standing(NamedTuple):
+    """How the rivals for the first place stand against chance.
+
+    Attributes:
+        strength: Strength of the best of them, above 0.
+        chance: Strength that poses reach by chance in this pair (`chance_level`).
+        changed: What contradicts the cleanest of them, as a share (`contradictions`).
+        num_rivals: How many of them are as good, net of what conflicts (`net_strengths`).
+    """
+
+    strength: float
+    chance: float
+    changed: float
+    num_rivals: int
+
+    def terms(self, settings: VerdictConfig) -> np.ndarray:
+        """What the coefficients weigh, in their order (5,).
+
+        Args:
+            settings: How much contradicts any pose.
+        """
+        against = -np.log1p(self.changed / settings.usual_changes), -np.log(self.num_rivals)
+        return np.asarray([1.0, np.log(self.strength), np.log(self.strength / self.chance), *against])
 
 
 class Finding(NamedTuple):
@@ -52,115 +81,178 @@ class Finding(NamedTuple):
         confidence: Probability that the first pose is right.
         reason: One sentence for a person.
         none: Probability that no leader is right.
+        standing: How the best poses stand against chance; None where none has any strength.
     """
 
     verdict: Verdict
     confidence: float
     reason: str
     none: float
+    standing: Standing | None = None
 
 
 def support(judgement: Judgement) -> np.ndarray:
     """Agreement along the worst direction (k,): 1 when all surfaces of both maps agree."""
-    # Where everything agrees the information is a third of the identity, whose least eigenvalue is 1/3.
-    return 3.0 * np.linalg.eigvalsh(judgement.information)[:, 0]
+    return along_worst_direction(judgement.information)
 
 
-def log_evidence(judgement: Judgement) -> tuple[np.ndarray, np.ndarray]:
-    """Logarithms (k,) of score and support of each pose; below 0.001 and 0.0001 all poses are equally hopeless."""
-    return np.log(np.maximum(judgement.score(), 1e-3)), np.log(np.maximum(support(judgement), 1e-4))
+def standing_of(judgement: Judgement, chance: float, settings: VerdictConfig) -> Standing | None:
+    """How the rivals stand against chance; None where no pose has any strength.
+
+    Args:
+        judgement: Evidence of the leaders.
+        chance: Strength that poses reach by chance (`chance_level`).
+        settings: Which poses are rivals.
+    """
+    is_rival = rivals(judgement, settings.min_rival_share)
+    if not is_rival.any():
+        return None
+    net = np.where(is_rival, net_strengths(judgement, settings), 0.0)
+    count = int(np.count_nonzero(net >= settings.min_rival_share * net.max()))
+    return Standing(
+        float(judgement.strength().max()), chance, float(judgement.changed[np.argmax(net)]), count
+    )
 
 
 def probabilities(
-    judgement: Judgement, settings: VerdictConfig | None = None, *, has_free_space: bool
+    judgement: Judgement,
+    chance: float,
+    settings: VerdictConfig | None = None,
+    *,
+    allow_changes: bool = False,
 ) -> np.ndarray:
     """Probability (k + 1,) that no leader is right, and that each of them is.
 
     Args:
         judgement: Evidence of the leaders.
-        settings: Which poses are rivals, and how much their scores weigh; None for the defaults.
-        has_free_space: Whether both maps know free space.
+        chance: Strength that poses reach by chance (`chance_level`).
+        settings: Which poses are rivals, and how much their strengths weigh; None for the defaults.
+        allow_changes: Whether contradictions tell rivals apart alone, and speak against none of them.
     """
-    chosen = VerdictConfig() if settings is None else settings
-    weight = WITH_FREE_SPACE if has_free_space else WITHOUT_FREE_SPACE
-    of_score, of_support = log_evidence(judgement)
-    utility = weight.score * of_score + weight.support * of_support
-    is_rival = rivals(judgement, chosen.min_rival_share)
-    if has_free_space and is_rival.any():
-        net = net_scores(judgement, chosen)
-        within = np.where(is_rival, np.maximum(net, 0.0) ** chosen.rival_weight, 0.0)
-        # Rivals whose net score is 0 have the logarithm of 0, which gives them no share.
-        with np.errstate(divide="ignore"):
-            # Together rivals weigh as much as the best of them alone: many poses of equal rooms are no more probable
-            # than one against no overlap.
-            shared = np.max(utility[is_rival]) + np.log(within / within.sum())
-        utility = np.where(is_rival, shared, utility)
-    utility = np.concatenate([[weight.none], utility])
-    # The largest is taken off first: exponentials of large numbers would overflow, and shares do not change.
-    shares = np.exp(utility - utility.max())
-    return shares / shares.sum()
+    settings = VerdictConfig() if settings is None else settings
+    standing = standing_of(judgement, chance, settings)
+    if standing is None:
+        return np.concatenate([[1.0], np.zeros(len(judgement.hits))])
+    one_of_them = 1.0 / (1.0 + np.exp(-_odds(judgement, standing, settings, allow_changes=allow_changes)))
+    is_rival = rivals(judgement, settings.min_rival_share)
+    within = np.where(is_rival, net_strengths(judgement, settings), 0.0) ** settings.rival_weight
+    return np.concatenate([[1.0 - one_of_them], one_of_them * within / within.sum()])
+
+
+def _odds(judgement: Judgement, standing: Standing, settings: VerdictConfig, *, allow_changes: bool) -> float:
+    """Logarithm of the odds that one of the rivals is right."""
+    weight = WITH_FREE_SPACE if judgement.has_free_space else WITHOUT_FREE_SPACE
+    if allow_changes:
+        weight = weight._replace(changed=0.0)
+    return float(np.dot(weight, standing.terms(settings)))
 
 
 def decide(
-    judgement: Judgement, settings: VerdictConfig, *, has_free_space: bool, is_inferred: bool = False
+    judgement: Judgement,
+    chance: float,
+    settings: VerdictConfig,
+    *,
+    is_inferred: bool = False,
+    allow_changes: bool = False,
 ) -> Finding:
     """Decide about the first pose of a judgement whose poses are distinct and best first.
 
     Args:
         judgement: Evidence of the leaders.
+        chance: Strength that poses reach by chance (`chance_level`).
         settings: What an accepted pose must reach.
-        has_free_space: Whether both maps know free space.
         is_inferred: Whether free space of a map was inferred (`inferred_space`), which the reason mentions.
+        allow_changes: Whether a pose is accepted although things were moved between the maps.
     """
     if len(judgement.hits) == 0:
         return Finding(
             "no_overlap", 0.0, "No source proposed a pose: the maps have too little structure.", 1.0
         )
-    chance = probabilities(judgement, settings, has_free_space=has_free_space)
-    none, confidence = float(chance[0]), float(chance[1])
+    standing = standing_of(judgement, chance, settings)
+    shares = probabilities(judgement, chance, settings, allow_changes=allow_changes)
+    none, confidence = float(shares[0]), float(shares[1])
     conflict = float(judgement.conflicts[0] / max(judgement.hits[0] + judgement.conflicts[0], 1e-9))
-    shown = _shown(judgement, conflict, has_free_space=has_free_space, is_inferred=is_inferred)
-    # No overlap is the answer where nothing supports the pose, or where it is both the likelier one and more
-    # than an even bet; any other doubt makes the pose ambiguous.
-    if net_scores(judgement, settings)[0] <= 0.0 or none > max(0.5, confidence):
-        return Finding("no_overlap", confidence, f"No pose is supported by the maps: at best {shown}.", none)
+    shown = _shown(judgement, conflict, is_inferred=is_inferred)
+    # No overlap is the answer where nothing stands out of chance, whatever contradicts it.
+    if standing is None or _odds(judgement, standing, settings, allow_changes=True) < 0.0:
+        return Finding("no_overlap", confidence, _why_nothing(judgement, chance, shown), none, standing)
+    doubt = _doubt(judgement, conflict, settings, allow_changes=allow_changes)
+    if doubt is not None:
+        return Finding("ambiguous", min(confidence, 0.5), f"{doubt}: {shown}.", none, standing)
+    needed = settings.min_confidence
+    if rivals(judgement, settings.min_rival_share)[1:].any() and judgement.has_free_space:
+        needed = settings.min_confidence_beside_rivals
+    if confidence < needed:
+        return Finding("ambiguous", confidence, _why_unsure(judgement, shares, shown), none, standing)
+    times = float(judgement.strength()[0]) / chance
+    reason = (
+        f"One pose stands out, {times:.1f} times as strong as chance: {shown}; probability {confidence:.3f}."
+    )
+    return Finding("accepted", confidence, reason, none, standing)
+
+
+def _doubt(
+    judgement: Judgement, conflict: float, settings: VerdictConfig, *, allow_changes: bool
+) -> str | None:
+    """What no probability makes up for, if the first pose has that.
+
+    Args:
+        judgement: Evidence of the leaders.
+        conflict: Share of what meets that conflicts under the first pose.
+        settings: How much of each is too much.
+        allow_changes: Whether things may have been moved between the maps.
+    """
     if conflict > settings.max_conflict:
-        reason = f"Occupied and free space contradict each other too often: {shown}."
-        return Finding("ambiguous", min(confidence, 0.5), reason, none)
+        return "Occupied and free space contradict each other too often"
     if support(judgement)[0] < settings.min_support:
-        reason = f"The best pose can slide along a direction that no surface fixes: {shown}."
-        return Finding("ambiguous", min(confidence, 0.5), reason, none)
+        return "The best pose can slide along a direction that no surface fixes"
     # Among equal rooms the cleanest pose may still be a false one, where the true one is not among the leaders.
     is_contested = bool(rivals(judgement, settings.min_rival_share)[1:].any())
-    if is_contested and judgement.pieces[0] > settings.max_pieces * judgement.shared[0]:
-        reason = (
-            f"The best of several poses sets whole pieces of one map into free space of the other: {shown}."
-        )
-        return Finding("ambiguous", confidence, reason, none)
-    needed = settings.min_confidence
-    if is_contested and has_free_space:
-        needed = settings.min_confidence_beside_rivals
-    if confidence >= needed:
-        reason = f"One pose stands out: {shown}; probability {confidence:.3f}."
-        return Finding("accepted", confidence, reason, none)
-    return Finding("ambiguous", confidence, _why_unsure(chance, shown), none)
+    changed, area = float(judgement.changed[0]), float(judgement.moved[0])
+    most = settings.max_changes_beside_rivals if is_contested else settings.max_changes
+    if allow_changes or changed <= most:
+        return None
+    return (
+        f"Walls agree, but things of together {area:.1f} m2 stand in free space of the other map, "
+        f"{100 * changed:.0f} % of what is no wall, floor or ceiling, as in another storey of one plan, in a place "
+        "that repeats, or where things were moved, which allow_changes (--allow-changes) accepts"
+    )
 
 
-def _shown(judgement: Judgement, conflict: float, *, has_free_space: bool, is_inferred: bool) -> str:
+def _shown(judgement: Judgement, conflict: float, *, is_inferred: bool) -> str:
     """What speaks for the first pose and against it, and where the free space is from."""
     shown = f"{100 * judgement.hits[0]:.0f} % of the surfaces agree, {100 * conflict:.1f} % of what meets conflicts"
-    if not has_free_space:
+    if not judgement.has_free_space:
         return f"{shown}, free space unknown"
     return f"{shown}, free space inferred from what encloses it" if is_inferred else shown
 
 
-def _why_unsure(chance: np.ndarray, shown: str) -> str:
-    """Whether another pose or no pose at all is the likeliest way in which the first pose could be wrong."""
-    none, confidence = chance[0], chance[1]
-    rival = chance[2:].max(initial=0.0)
+def _help(judgement: Judgement) -> str:
+    """What would make another verdict possible."""
+    more = "maps that share more of the place"
+    return more if judgement.has_free_space else f"sensor origins, which tell free space, or {more}"
+
+
+def _why_nothing(judgement: Judgement, chance: float, shown: str) -> str:
+    """Why no pose is believed."""
+    times = max(float(judgement.strength()[0]) / chance, 0.0)
+    return (
+        f"No pose stands out: the best is {times:.1f} times as strong as what chance gives in these maps ({shown}); "
+        f"what would help are {_help(judgement)}."
+    )
+
+
+def _why_unsure(judgement: Judgement, shares: np.ndarray, shown: str) -> str:
+    """Whether another pose or chance is the likeliest way in which the first pose could be wrong."""
+    none, confidence = shares[0], shares[1]
+    rival = shares[2:].max(initial=0.0)
     if rival > none:
         return (
             "Another pose explains the maps almost as well "
-            f"(probability {rival:.2f}, against {confidence:.2f} of the best): {shown}."
+            f"(probability {rival:.2f}, against {confidence:.2f} of the best): {shown}; "
+            f"what would help are {_help(judgement)}."
         )
-    return f"The maps agree too little to be sure of a pose (probability {confidence:.2f}): {shown}."
+    return (
+        f"The best pose stands out of chance, but not by enough (probability {confidence:.2f}): {shown}; "
+        f"what would help are {_help(judgement)}."
+    )
