@@ -128,9 +128,8 @@ def check_register_memory(
 def register_memory(sizes: Sequence[MapSize], voxel_size: float, uncropped: Sequence[MapSize] = ()) -> float:
     """Estimated peak beside the maps themselves and the running process [byte].
 
-    Estimates were 1.0 to 1.8 times what a process that compiled all kernels grew by in one call
-    (`python -m bench memory`), and 1.3 times since maps are looked up in blocks (246,000 occupied voxels): what needs
-    half of the memory that is available is never refused.
+    Estimates were 1.0 to 2.5 times what a process that compiled all kernels grew by in one call (`python -m bench
+    memory`): least for maps of different places, for which all sources compile theirs.
 
     Args:
         sizes: Sizes of all maps whose features are kept.
@@ -142,7 +141,7 @@ def register_memory(sizes: Sequence[MapSize], voxel_size: float, uncropped: Sequ
     work = sorted(need.work for need in scaled)
     searched = _in_coarser_copies(sizes, voxel_size)
     # Compiled kernels of all stages, and what compiling them takes, whatever the maps.
-    kernels = 0.75 * GIGABYTE
+    kernels = GIGABYTE
     # Which voxels are occupied, their counts (see `window_classes`), and their classes; gone before features are kept.
     window = max((6.0 * size.at(voxel_size).voxels for size in uncropped), default=0.0)
     # The mirror image of a map is held beside it, in blocks, and only once the work is done (`pipeline/causes.py`).
