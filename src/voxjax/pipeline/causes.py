@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._results import RESULTS
-from ..registration.causes.coarse_search import coarse_starts
 from ..registration.causes.handedness import (
     best_score,
     conflict_share,
+    has_far_fewer_conflicts,
     is_better,
     is_questionable,
     mirrored_finding,
@@ -21,10 +21,11 @@ from ..registration.hypotheses.changed_features import mirrored_features, scaled
 from ..registration.hypotheses.map_features import MapFeatures
 from ..registration.hypotheses.pose_range import PoseRange
 from ..registration.hypotheses.proposals import Proposals
-from ..registration.judging.judgement import judge_poses, no_judgement
-from ..registration.judging.leaders import Leaders, Tried, find_leaders, refine_poses
+from ..registration.judging.judgement import judge_poses
+from ..registration.judging.leaders import Leaders, Tried, find_leaders
 from ..registration.judging.rivals import weigh_rivals
 from ..registration.judging.verdict import Finding
+from .coarse import coarse_proposals, coarse_starts_of
 from .config import Config
 from .stage_times import Stages
 from .wide import coarser_features, finer_factors, leaders_through_copies
@@ -106,7 +107,8 @@ def _mirrored(pair: Questioned, decide: Decide, settings: Config, stages: Stages
         "mirrored_conflict": conflict_share(mirrored.judgement),
         "mirrored_confidence": found.confidence,
     }
-    if not is_better(finding, given, mirrored, found, settings.cause):
+    is_clear = has_far_fewer_conflicts(given, mirrored)
+    if not is_better(finding, given, mirrored, found, settings.cause, is_clear=is_clear):
         return Explained(finding, None, {"handedness": figures})
     return Explained(
         mirrored_finding(finding, given, mirrored, found), RESULTS.mirrored, {"handedness": figures}
@@ -120,7 +122,7 @@ def _scaled(pair: Questioned, decide: Decide, settings: Config, stages: Stages) 
     a, b = (coarser_features(each, pair.factor, settings) for each in (pair.a, pair.b))
     if finding.verdict != "accepted":
         scales = np.exp(cause.scale_step * np.arange(-1, 2)).tolist()
-        starts += _starts_of(a, b, scales, cause.num_starts, settings)
+        starts += coarse_starts_of(a, b, scales, cause.num_starts, settings)
     best = _similarity_of(a, b, starts, settings)
     if best is not None and pair.factor > 1:
         best = _similarity_of(pair.a, pair.b, [best[0].start], settings)
@@ -133,7 +135,8 @@ def _scaled(pair: Questioned, decide: Decide, settings: Config, stages: Stages) 
     scaled = _leaders_of(pair, changed, settings, stages, guess=best.T_a_b)
     found = decide(changed, scaled)
     figures |= {"scaled_score": best_score(scaled), "scaled_confidence": found.confidence}
-    if not is_better(finding, given, scaled, found, cause):
+    is_clear = is_other_scale(best, cause, is_clear=True)
+    if not is_better(finding, given, scaled, found, cause, is_clear=is_clear):
         return Explained(finding, None, {"scale": figures})
     return Explained(scaled_finding(finding, given, scaled, found, best), RESULTS.scaled, {"scale": figures})
 
@@ -173,11 +176,12 @@ def _leaders_of(
         guess: A pose (4, 4) of the changed map where one is known, beside which the search finds its rivals.
     """
     least = LEAST_SHARE * best_score(pair.leaders)
+    # What the caller knows of the pose holds for the map as it is, and not for another one.
+    anywhere = PoseRange(np.asarray(changed.prepared.centroid))
     a, b = (coarser_features(each, pair.factor, settings) for each in (pair.a, changed))
-    leaders = _searched(a, b, least, settings, guess=guess)
+    proposed = coarse_proposals(a, b, settings, pose_range=anywhere, guess=guess)
+    leaders = _searched(a, b, proposed, least, settings)
     if pair.factor > 1 and best_score(leaders) >= least:
-        # What the caller knows of the pose holds for the map as it is, and not for another one.
-        anywhere = PoseRange(np.asarray(changed.prepared.centroid))
         factors = finer_factors(pair.factor)
         leaders = leaders_through_copies(
             pair.a, changed, leaders, factors, settings=settings, stages=stages, pose_range=anywhere
@@ -186,49 +190,21 @@ def _leaders_of(
     return leaders
 
 
-def _searched(
-    a: MapFeatures, b: MapFeatures, least: float, settings: Config, *, guess: np.ndarray | None
-) -> Leaders:
-    """Leaders of a coarse search and of a guess; the best alone, roughly judged, if it scores less than `least`."""
-    map_a, map_b, leader, weight = a.prepared, b.prepared, settings.leader, settings.evidence.conflict_weight
-    starts = _starts_of(a, b, (1.0,), settings.cause.num_leaders, settings)
-    poses = [*([] if guess is None else [guess]), *(start.T_a_b for start in starts)]
-    if not poses:
-        nowhere = np.zeros((0, 4, 4), np.float32)
-        has_free_space = map_a.has_free_space and map_b.has_free_space
-        nothing = no_judgement(weight, has_free_space=has_free_space)
-        return Leaders(nowhere, nothing, (), Tried(nowhere, np.zeros(0)))
-    aligned = refine_poses(
-        map_a,
-        map_b,
-        np.stack(poses),
-        num_points=leader.num_rough_points,
-        num_steps=leader.num_rough_steps,
-        start_distance=leader.rough_start_distance,
-        final_distance=leader.rough_final_distance,
-    )
-    sources = ("exhaustive",) * len(aligned)
-    judged = judge_poses(map_a, map_b, aligned, num_points=leader.num_rough_judges, conflict_weight=weight)
-    tried = Tried(aligned, judged.strength())
-    if judged.score().max() < least:
-        return Leaders(aligned, judged, sources, tried).take(np.argsort(-judged.score(), kind="stable")[:1])
-    proposed = Proposals(aligned, sources, len(aligned), {})
+def _searched(a: MapFeatures, b: MapFeatures, proposed: Proposals, least: float, settings: Config) -> Leaders:
+    """Leaders among aligned poses; the best alone, roughly judged, if it scores less than `least`."""
+    leader, weight = settings.leader, settings.evidence.conflict_weight
+    if len(proposed.poses):
+        judged = judge_poses(
+            a.prepared,
+            b.prepared,
+            proposed.poses,
+            num_points=leader.num_rough_judges,
+            conflict_weight=weight,
+        )
+        if judged.score().max() < least:
+            tried = Tried(proposed.poses, judged.strength())
+            best = np.argsort(-judged.score(), kind="stable")[:1]
+            return Leaders(proposed.poses, judged, proposed.sources, tried).take(best)
     fewer = replace(leader, num_refined=min(leader.num_refined, settings.cause.num_refined))
-    leaders = find_leaders(map_a, map_b, proposed, fewer, settings.evidence)
+    leaders = find_leaders(a.prepared, b.prepared, proposed, fewer, settings.evidence)
     return weigh_rivals(a, b, leaders, settings.verdict)
-
-
-def _starts_of(
-    a: MapFeatures, b: MapFeatures, scales: Sequence[float], num_starts: int, settings: Config
-) -> list[Start]:
-    """`coarse_starts` with the settings of all stages."""
-    return coarse_starts(
-        a,
-        b,
-        scales,
-        num_starts=num_starts,
-        settings=settings.cause,
-        source=settings.source,
-        rotation=settings.rotation,
-        evidence=settings.evidence,
-    )

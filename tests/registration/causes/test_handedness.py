@@ -7,6 +7,7 @@ from hand_made_leaders import ACCEPTED, NOTHING, leaders
 from voxjax.registration.causes.handedness import (
     best_score,
     conflict_share,
+    has_far_fewer_conflicts,
     is_better,
     is_questionable,
     mirrored_finding,
@@ -55,7 +56,18 @@ def test_shares_and_scores_of_nothing():
     ],
 )
 def test_a_changed_map_must_be_believed_and_score_clearly_more(finding, given, changed, found, expected):
-    assert is_better(finding, given, changed, found, CAUSE) == expected
+    assert is_better(finding, given, changed, found, CAUSE, is_clear=False) == expected
+
+
+def test_a_small_gain_is_enough_where_far_fewer_conflicts_tell_them_apart():
+    given = leaders(0.6, 0.01)
+    for changed, is_clear, is_enough in (
+        (leaders(0.6, 0.007), False, False),
+        (leaders(0.58, 0.003), True, True),
+        (leaders(0.55, 0.001), True, False),
+    ):
+        assert has_far_fewer_conflicts(given, changed) == is_clear
+        assert is_better(ACCEPTED, given, changed, ACCEPTED, CAUSE, is_clear=is_clear) == is_enough
 
 
 def test_the_reason_of_a_mirrored_map_has_the_figures_that_decided():

@@ -50,6 +50,7 @@ def test_a_map_as_it_should_be_has_no_other_scale(pair):
         (1.02, 0.008, False),
         (1.008, 0.0001, False),
         (1.5, np.inf, False),
+        (1.5, 0.001, False),
     ],
 )
 def test_a_scale_must_be_away_from_one_by_more_than_its_error_and_those_of_maps(scale, log_error, expected):

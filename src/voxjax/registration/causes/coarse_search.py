@@ -25,6 +25,7 @@ def coarse_starts(
     scales: Sequence[float],
     *,
     num_starts: int,
+    max_lean: float | None = None,
     settings: CauseConfig,
     source: SourceConfig,
     rotation: RotationConfig,
@@ -37,6 +38,7 @@ def coarse_starts(
         b: Second map.
         scales: What its lengths are multiplied by.
         num_starts: How many starts are kept, of all scales together.
+        max_lean: Largest angle by which a rotation may tilt the vertical [deg]; None where it may tilt it at will.
         settings: How coarse cells are.
         source: How many rotations.
         rotation: How rotations are found.
@@ -49,6 +51,7 @@ def coarse_starts(
         a.directions,
         b.directions,
         is_signed=a.prepared.has_free_space and b.prepared.has_free_space,
+        max_lean=max_lean,
         max_rotations=source.max_rotations,
         settings=rotation,
     )

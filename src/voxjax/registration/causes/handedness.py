@@ -29,7 +29,13 @@ def is_questionable(leaders: Leaders, finding: Finding, settings: CauseConfig) -
 
 
 def is_better(
-    finding: Finding, given: Leaders, changed: Leaders, found: Finding, settings: CauseConfig
+    finding: Finding,
+    given: Leaders,
+    changed: Leaders,
+    found: Finding,
+    settings: CauseConfig,
+    *,
+    is_clear: bool,
 ) -> bool:
     """Whether a changed map b explains both maps clearly better than map b as it is.
 
@@ -39,12 +45,24 @@ def is_better(
         changed: Leaders of map a and the changed map b.
         found: The verdict on the first of these.
         settings: How much better is clearly better.
+        is_clear: Whether something else than the score tells the changed map from map b; a small gain is enough then.
     """
     # To take an acceptance back asks for another one; where there is none, a cause is named that is more probable than
     # not.
     if found.verdict != "accepted" and (finding.verdict == "accepted" or found.confidence <= 0.5):
         return False
-    return best_score(changed) > (1.0 + settings.min_gain) * max(best_score(given), 0.0)
+    gain = settings.min_clear_gain if is_clear else settings.min_gain
+    return best_score(changed) > (1.0 + gain) * max(best_score(given), 0.0)
+
+
+def has_far_fewer_conflicts(given: Leaders, mirrored: Leaders) -> bool:
+    """Whether less than half of what conflicts under the pose of map b as it is conflicts under that of its image.
+
+    Args:
+        given: Leaders of the maps as they are.
+        mirrored: Leaders of map a and the mirror image of b.
+    """
+    return conflict_share(mirrored.judgement) < 0.5 * conflict_share(given.judgement)
 
 
 def best_score(leaders: Leaders) -> float:

@@ -46,8 +46,7 @@ def best_similarity(
     map_a, map_b = a.prepared, b.prepared
     start_distance = leader.rough_start_distance
     if len(starts) > settings.num_judged:
-        # From afar by few points, and what is far outside of the scales that were searched is let go: there alignment
-        # has shrunk map b onto a single surface.
+        # From afar by few points; what ends far outside of the scales that were searched is let go.
         found = _aligned(
             map_a,
             map_b,
@@ -121,15 +120,20 @@ def _quick_scores(
     return total
 
 
-def is_other_scale(found: Similarity, settings: CauseConfig) -> bool:
+def is_other_scale(found: Similarity, settings: CauseConfig, *, is_clear: bool = False) -> bool:
     """Whether a scale differs from 1 by more than small errors of maps, and by more than its own error.
+
+    Far outside of the scales that are searched alignment has shrunk map b onto a single surface.
 
     Args:
         found: The similarity.
         settings: How much is more.
+        is_clear: Ask for more of its own errors.
     """
     change = abs(np.log(found.scale))
-    return bool(change > settings.min_scale and change > settings.num_errors * found.log_error)
+    num_errors = settings.num_clear_errors if is_clear else settings.num_errors
+    least = max(settings.min_scale, num_errors * found.log_error)
+    return bool(least < change <= 2.0 * settings.scale_step)
 
 
 def scaled_finding(
