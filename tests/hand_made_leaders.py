@@ -10,21 +10,22 @@ ACCEPTED = Finding("accepted", 0.98, "One pose stands out.", 0.01)
 NOTHING = Finding("no_overlap", 0.02, "No pose is supported.", 0.97)
 
 
-def leaders(hits, conflicts):
+def leaders(hits, conflicts, *, changed=0.0, has_free_space=True):
     """One leader with these shares."""
     one = np.ones(1)
     nothing = np.zeros(1)
     judgement = Judgement(
-        hits * one,
-        conflicts * one,
-        nothing,
-        np.eye(3)[None],
-        nothing,
-        nothing,
-        nothing,
-        nothing,
-        nothing,
-        nothing,
+        hits=hits * one,
+        conflicts=conflicts * one,
+        opposed=nothing,
+        information=np.eye(3)[None],
+        changed=changed * one,
+        moved=nothing,
+        pieces=nothing,
+        shared=nothing,
+        exact=hits * one,
+        exact_hits=hits * one,
+        has_free_space=has_free_space,
     )
     poses = np.eye(4)[None]
     return Leaders(poses, judgement, ("exhaustive",), Tried(poses, judgement.strength()))

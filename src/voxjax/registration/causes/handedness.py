@@ -20,12 +20,19 @@ def conflict_share(judgement: Judgement) -> float:
 def is_questionable(leaders: Leaders, finding: Finding, settings: CauseConfig) -> bool:
     """Whether something speaks against the first pose, so that causes are looked for.
 
+    Where free space is not known nothing can speak against a pose, so that each is questioned.
+
     Args:
         leaders: Distinct poses, best first.
         finding: The verdict on the first.
         settings: How many conflicts are too many.
     """
-    return finding.verdict != "accepted" or conflict_share(leaders.judgement) > settings.max_clean_conflict
+    judgement = leaders.judgement
+    if finding.verdict != "accepted" or not judgement.has_free_space:
+        return True
+    # Noise and drift scatter conflicts, in sparse scans many of them; a mirrored map sets whole things into free space.
+    has_conflicts = conflict_share(judgement) > settings.max_clean_conflict
+    return has_conflicts and float(judgement.changed[0]) > settings.max_clean_changes
 
 
 def is_better(
@@ -52,7 +59,7 @@ def is_better(
     if found.verdict != "accepted" and (finding.verdict == "accepted" or found.confidence <= 0.5):
         return False
     gain = settings.min_clear_gain if is_clear else settings.min_gain
-    return best_score(changed) > (1.0 + gain) * max(best_score(given), 0.0)
+    return best_strength(changed) > (1.0 + gain) * max(best_strength(given), 0.0)
 
 
 def has_far_fewer_conflicts(given: Leaders, mirrored: Leaders) -> bool:
@@ -68,6 +75,11 @@ def has_far_fewer_conflicts(given: Leaders, mirrored: Leaders) -> bool:
 def best_score(leaders: Leaders) -> float:
     """Score of the first pose; below everything where there is none."""
     return float(leaders.judgement.score()[0]) if len(leaders.poses) else -1.0
+
+
+def best_strength(leaders: Leaders) -> float:
+    """Strength of the first pose (`Judgement.strength`); below everything where there is none."""
+    return float(leaders.judgement.strength()[0]) if len(leaders.poses) else -1.0
 
 
 def mirrored_finding(finding: Finding, given: Leaders, mirrored: Leaders, found: Finding) -> Finding:
