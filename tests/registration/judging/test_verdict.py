@@ -94,6 +94,11 @@ def test_beside_rivals_the_best_must_be_clean_itself():
     assert "things of together" in finding.reason
     clean = judgement((0.6, 0.003, 0.2, 0.0), (0.55, 0.003, 0.2, 0.3))
     assert decide(clean, 0.04, BOUNDS).verdict == "accepted"
+    # A little that contradicts is as good as none where hardly anything conflicts in pieces, and is not otherwise.
+    little = judgement((0.6, 0.003, 0.2, 0.005), (0.55, 0.003, 0.2, 0.3))
+    assert decide(little, 0.04, BOUNDS).verdict == "ambiguous"
+    few_pieces = little._replace(pieces=np.asarray([0.002, 0.3]))
+    assert decide(few_pieces, 0.04, BOUNDS).verdict == "accepted"
 
 
 def test_what_contradicts_the_cleanest_rival_makes_all_of_them_less_probable():

@@ -73,7 +73,10 @@ class VerdictConfig(Settings, table="verdict"):
         min_support: Least agreement along the worst direction, as a share of all that both maps could show.
         max_changes: Largest share of the surface apart from walls, floors and ceilings that may stand in free space of
             the other map in pieces that hang together, beyond what drift explains (`contradictions`).
-        max_changes_beside_rivals: Likewise where other poses agree almost as well: the right one is clean.
+        max_changes_beside_rivals: Likewise where other poses agree almost as well, of which the right one is clean, in
+            this sense or in that of `max_pieces`.
+        max_pieces: Largest surface that may conflict in pieces there, walls and drift included, as a share of what
+            agrees.
         usual_changes: Share that contradicts under any pose, from noise and people.
         usual_pieces: Surface that conflicts in pieces under any pose, as a share of what agrees: rivals are told apart
             by what is beyond it.
@@ -94,7 +97,8 @@ class VerdictConfig(Settings, table="verdict"):
     max_conflict: float = setting(0.08, low=0.0, high=1.0)
     min_support: float = setting(0.005, low=0.0, high=1.0)
     max_changes: float = setting(0.035, low=0.0, high=1.0)
-    max_changes_beside_rivals: float = setting(0.02, low=0.0, high=1.0)
+    max_changes_beside_rivals: float = setting(0.004, low=0.0, high=1.0)
+    max_pieces: float = setting(0.003, low=0.0, high=1.0)
     usual_changes: float = setting(0.01, above=0.0, high=1.0)
     usual_pieces: float = setting(0.001, above=0.0, high=1.0)
     min_piece_voxels: int = setting(30, low=1, high=1_000_000)

@@ -210,7 +210,8 @@ def _doubt(
     is_contested = bool(rivals(judgement, settings.min_rival_share)[1:].any())
     changed, area = float(judgement.changed[0]), float(judgement.moved[0])
     most = settings.max_changes_beside_rivals if is_contested else settings.max_changes
-    if allow_changes or changed <= most:
+    is_clean = is_contested and judgement.pieces[0] <= settings.max_pieces * judgement.shared[0]
+    if allow_changes or changed <= most or is_clean:
         return None
     return (
         f"Walls agree, but things of together {area:.1f} m2 stand in free space of the other map, "
