@@ -78,19 +78,24 @@ def explain(pair: Questioned, *, decide: Decide, settings: Config, stages: Stage
         settings: Settings of the stages.
         stages: Keeps the seconds.
     """
-    cause, finding, stats = settings.cause, pair.finding, {}
+    cause, finding = settings.cause, pair.finding
     with stages.measure("causes"):
         # This takes some hundredths of a second; a scale that is wrong by a few percent may contradict nothing.
         near = _similarity_of(pair.a, pair.b, [Start(1.0, pair.leaders.poses[0])], settings)
         is_contradicted = is_questionable(pair.leaders, finding, cause)
-        if not is_contradicted and (near is None or not is_other_scale(near[0], cause)):
-            return Explained(finding, None, {"scale": _figures(near)})
+        # Beside an accepted pose nothing is searched with other scales.
+        is_scaled = finding.verdict != "accepted" or (near is not None and is_other_scale(near[0], cause))
+        stats = {"scale": _figures(near)}
+        if not (is_contradicted or is_scaled):
+            return Explained(finding, None, stats)
         stages.announce("causes")
         if is_contradicted:
             mirrored = _mirrored(pair, decide, settings, stages)
             if mirrored.result is not None:
                 return mirrored
-            stats = mirrored.stats
+            stats |= mirrored.stats
+        if not is_scaled:
+            return Explained(finding, None, stats)
         scaled = _scaled(pair, decide, settings, stages)
         return scaled._replace(stats=stats | scaled.stats)
 
