@@ -135,7 +135,7 @@ def test_things_that_contradict_make_a_pose_ambiguous_unless_changes_are_allowed
     doubted = decide(changed, 0.04, BOUNDS)
     assert doubted.verdict == "ambiguous"
     assert doubted.confidence <= 0.5
-    assert "10 % of what is no wall, floor or ceiling" in doubted.reason
+    assert "10.0 % of what is no wall, floor or ceiling" in doubted.reason
     assert "--allow-changes" in doubted.reason
     allowed = decide(changed, 0.04, BOUNDS, allow_changes=True)
     assert allowed.verdict == "accepted"

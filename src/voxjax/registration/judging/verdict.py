@@ -215,7 +215,7 @@ def _doubt(
         return None
     return (
         f"Walls agree, but things of together {area:.1f} m2 stand in free space of the other map, "
-        f"{100 * changed:.0f} % of what is no wall, floor or ceiling, as in another storey of one plan, in a place "
+        f"{100 * changed:.1f} % of what is no wall, floor or ceiling, as in another storey of one plan, in a place "
         "that repeats, or where things were moved, which allow_changes (--allow-changes) accepts"
     )
 
