@@ -10,7 +10,7 @@ ACCEPTED = Finding("accepted", 0.98, "One pose stands out.", 0.01)
 NOTHING = Finding("no_overlap", 0.02, "No pose is supported.", 0.97)
 
 
-def leaders(hits, conflicts, *, changed=0.0, has_free_space=True):
+def leaders(hits, conflicts, *, has_free_space=True):
     """One leader with these shares."""
     one = np.ones(1)
     nothing = np.zeros(1)
@@ -19,7 +19,7 @@ def leaders(hits, conflicts, *, changed=0.0, has_free_space=True):
         conflicts=conflicts * one,
         opposed=nothing,
         information=np.eye(3)[None],
-        changed=changed * one,
+        changed=nothing,
         moved=nothing,
         pieces=nothing,
         shared=nothing,

@@ -30,9 +30,8 @@ def is_questionable(leaders: Leaders, finding: Finding, settings: CauseConfig) -
     judgement = leaders.judgement
     if finding.verdict != "accepted" or not judgement.has_free_space:
         return True
-    # Noise and drift scatter conflicts, in sparse scans many of them; a mirrored map sets whole things into free space.
-    has_conflicts = conflict_share(judgement) > settings.max_clean_conflict
-    return has_conflicts and float(judgement.changed[0]) > settings.max_clean_changes
+    # Whole things in free space would be a narrower test, which a mirrored place seen by unlike sensors passed.
+    return conflict_share(judgement) > settings.max_clean_conflict
 
 
 def is_better(

@@ -13,8 +13,6 @@ class CauseConfig(Settings, table="cause"):
         max_clean_conflict: An accepted pose with at most this share of conflicts among the voxels that hit or conflict
             is not questioned: a mirrored building that is nearly its own mirror image has 1 %, and less where it is so
             wholly that nobody could tell.
-        max_clean_changes: Nor is one with at most this share of loose things in free space of the other map
-            (`registration/judging/contradictions.py`): what conflicts there is scattered by noise and drift.
         min_gain: How much stronger than the pose of map b as it is its best pose must be once map b is mirrored, as a
             share of the former.
         min_clear_gain: The same where the mirror image has less than half of the conflicts, or a scale is away from 1
@@ -40,7 +38,6 @@ class CauseConfig(Settings, table="cause"):
     """
 
     max_clean_conflict: float = setting(0.005, low=0.0, high=1.0)
-    max_clean_changes: float = setting(0.002, low=0.0, high=1.0)
     min_gain: float = setting(0.05, low=0.0, high=100.0)
     min_clear_gain: float = setting(0.01, low=0.0, high=100.0)
     max_cells: int = setting(60_000, low=1, high=1_000_000_000)
