@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from .._checks import InputError, check_choice, check_pose, check_positive, shown
+from .._checks import InputError, check_choice
 from .._results import RESULTS
 from .._runtime.forks import refused_after_fork
 from .._runtime.mappings import release_kernels_if_crowded
@@ -32,6 +32,7 @@ from .causes import Decide, Questioned, explain
 from .coarse import coarse_proposals
 from .config import Config, PoseConfig, config_from
 from .features import features_at, working_voxel
+from .guesses import checked_guess, range_around
 from .hypotheses import first_hypotheses, other_hypotheses
 from .memory_need import check_register_memory
 from .stage_times import Stages
@@ -86,7 +87,7 @@ def register(
         )
     settings = config_from(config)
     # What cannot be used is refused before minutes of work, and beside an empty map too.
-    _checked_guess(init_guess, guess_uncertainty)
+    checked_guess(init_guess, guess_uncertainty)
     stages = Stages(on_stage)
     for name, grid in (("a", a), ("b", b)):
         check_grid(name, grid)
@@ -156,10 +157,10 @@ def register_features(
     """
     settings, stages = config_from(config), Stages(on_stage, seconds)
     _check_voxel_sizes(a, b)
-    guess = _checked_guess(init_guess, guess_uncertainty)
+    guess = checked_guess(init_guess, guess_uncertainty)
     if guess is not None:
         guess = to_local(guess, a.origin, b.origin).astype(np.float32)
-    pose_range = _pose_range(
+    pose_range = range_around(
         b, settings.source.max_lean if gravity_aligned else None, guess, guess_uncertainty
     )
     free_space = worse_free_space(a, b)
@@ -371,37 +372,3 @@ def _check_voxel_sizes(a: MapFeatures, b: MapFeatures) -> None:
             f"a and b must be prepared at the same voxel_size, got {size_a:g} and {size_b:g}; "
             "prepare both at the coarser one."
         )
-
-
-def _checked_guess(init_guess: object, uncertainty: tuple[float, float] | None) -> np.ndarray | None:
-    """The guess as a rigid transform.
-
-    Raises:
-        InputError: If the guess is none, there is an uncertainty without a guess, or it is not two positive numbers.
-    """
-    guess = None if init_guess is None else check_pose("init_guess", init_guess)
-    if uncertainty is None:
-        return guess
-    if guess is None:
-        raise InputError("guess_uncertainty needs an init_guess that it is about; give both or neither.")
-    if np.shape(uncertainty) != (2,):
-        raise InputError(
-            f"guess_uncertainty must be two numbers, metres and radians, got {shown(uncertainty)}."
-        )
-    for number, unit in enumerate(("metres", "radians")):
-        check_positive(f"guess_uncertainty[{number}]", uncertainty[number], unit)
-    return guess
-
-
-def _pose_range(
-    b: MapFeatures,
-    max_lean: float | None,
-    guess: np.ndarray | None,
-    uncertainty: tuple[float, float] | None,
-) -> PoseRange:
-    """Which poses can be, by what the caller knows beforehand."""
-    # A turn about an origin far from the map would look like a long shift: bounds are about where the map is.
-    centroid = np.asarray(b.prepared.centroid)
-    if uncertainty is None:
-        return PoseRange(centroid, max_lean)
-    return PoseRange(centroid, max_lean, guess, *uncertainty)
