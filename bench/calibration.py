@@ -1,18 +1,26 @@
 """Does the confidence mean what it says? Verdicts on generated pairs of one building, equal rooms, other buildings.
 
     python -m bench calibration [--pairs 200] [--hotels 60] [--buildings 25] [--seed 300000] [--cache FOLDER]
-    python -m bench calibration --families 8 [--seed 300000]
+    python -m bench calibration --families 18 [--role negatives] [--family street forest] [--part 1/2] [--out FILE]
+    python -m bench calibration --rows FILE ... [--plot PNG]
 
 Different buildings: each map against each other one. The seed is another one than that of the worlds that the model of
 the verdict was fitted on (100000, `python -m bench verdict_fit`). Prints the verdicts by kind, the false accepts with
 the upper 95 % bound of their rate (Clopper-Pearson), the expected calibration error in ten bins, and how the errors of
-accepted poses compare with their covariance; writes JSON and a reliability diagram. `--cache` keeps the generated maps;
-several processes can share the work by `--part 1/2` and be put together by `--join`. `--clouds` takes all free space
-from the maps. `--families` takes pairs of all families of places instead (`bench/family_rows.py`).
+accepted poses compare with their covariance; `--plot` draws the reliability diagram. `--cache` keeps the generated
+maps. `--clouds` takes all free space from the maps.
+
+`--families N` takes N pairs of each role of each family of places instead, with free space and without
+(`bench/family_rows.py`), and prints its tables by family beside what was asked: 92 pairs without a true pose and 60
+with one for each of the N. `--families 18 --role negatives` are 1,656 pairs, 1,500 and more of them no nearer to a true
+pose than by 5 % of size. A pair takes 4 to 11 s, on two cores. Their diagram has a panel for each family.
+
+Each row is written to --out at once. A run that was stopped goes on with the same command; processes that share the
+work by `--part 1/2` and `--part 2/2` write files of their own, and `--rows` prints the tables of several files at once
+and runs nothing. After a change of the code give another --out: rows that are there are not measured again.
 """
 
 import argparse
-import itertools
 import json
 import sys
 import time
@@ -21,92 +29,24 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from scipy.spatial.transform import Rotation
-
-import voxjax as vx
-from bench.calibration_worlds import load_world, seeds_of, without_free_space
-from bench.family_rows import family_jobs, family_row, family_table
-from bench.reliability import draw, summary
+from bench.building_rows import building_jobs
+from bench.families import FAMILIES, ROLES
+from bench.family_rows import NEGATIVES, family_jobs, family_row
+from bench.family_tables import family_tables
+from bench.plots import prepare_plots
+from bench.reliability import summary
+from bench.reliability_plots import draw, draw_families
 from bench.reports import write_json
 from bench.timing import setting
-from voxjax.metrics import pose_error
-from voxjax.pipeline.config import Config
-from voxjax.pipeline.features import features_at, working_voxel
-from voxjax.pipeline.pair import register_features
-
-
-def judge(found: vx.Registration, truth: np.ndarray | None, b: vx.VoxelGrid) -> dict[str, Any]:
-    """One row: the verdict, the evidence that it rests on, and the truth within 3 degrees and 0.4 m."""
-    row: dict[str, Any] = {
-        "verdict": found.verdict,
-        "confidence": found.confidence,
-        "right": False,
-        "rank": None,
-        "rounds": found.stats.get("num_rounds"),
-        "proposed": found.stats.get("num_hypotheses"),
-        "has_free_space": found.stats.get("has_free_space"),
-        "seconds": sum(found.stats["seconds"].values()),
-    }
-    centroid = b.occupied_points().mean(axis=0, dtype=np.float64)
-    errors = [None if truth is None else pose_error(h.T_a_b, truth, centroid) for h in found.hypotheses]
-    good = [e is not None and e.degrees <= 3.0 and e.metres <= 0.4 for e in errors]
-    row["leaders"] = [
-        {
-            "score": h.evidence.score,
-            "support": h.evidence.support,
-            "shared": h.evidence.shared_area,
-            "contradiction": h.evidence.contradiction_area,
-            "conflict": h.evidence.free_conflict,
-            "right": is_right,
-        }
-        for h, is_right in zip(found.hypotheses, good, strict=True)
-    ]
-    row["rank"] = good.index(True) if True in good else None
-    row["right"] = row["rank"] == 0
-    if row["right"] and errors[0] is not None and truth is not None:
-        T = np.asarray(found.T_a_b, np.float64)
-        # In the order of the covariance: translation of map b's centroid, then rotation, both in frame a.
-        turn = Rotation.from_matrix(truth[:3, :3] @ T[:3, :3].T).as_rotvec()
-        shift = (truth - T)[:3] @ np.append(centroid, 1.0)
-        row |= {"tangent": [*shift, *turn], "covariance": np.asarray(found.covariance).tolist()}
-        row |= {"degrees": errors[0].degrees, "metres": errors[0].metres}
-    return row
-
-
-class Runner:
-    """Loads and registers pairs; keeps the features of the buildings' single maps."""
-
-    def __init__(self, cache: Path | None, *, clouds: bool) -> None:
-        self.cache = cache
-        self.clouds = clouds
-        self.single: dict[int, Any] = {}
-
-    def load(self, seed: int, kind: str) -> tuple[list[vx.VoxelGrid], np.ndarray | None]:
-        """Maps and true pose of a seed."""
-        grids, truth = load_world(seed, kind, self.cache)
-        return [without_free_space(g) for g in grids] if self.clouds else grids, truth
-
-    def row(self, kind: str, seeds: tuple[int, ...]) -> dict[str, Any]:
-        """Register one pair."""
-        return {"kind": kind} | self._judged(kind, seeds)
-
-    def _judged(self, kind: str, seeds: tuple[int, ...]) -> dict[str, Any]:
-        if kind == "cross":
-            for seed in seeds:
-                if seed not in self.single:
-                    (grid,), _ = self.load(seed, "build")
-                    self.single[seed] = grid, features_at(grid, voxel_size=grid.voxel_size)
-            (_, fa), (b, fb) = (self.single[seed] for seed in seeds)
-            return judge(register_features(fa, fb), None, b)
-        (a, b), truth = self.load(seeds[0], kind)
-        size = working_voxel([a, b], Config()).size
-        fa, fb = features_at(a, voxel_size=size), features_at(b, voxel_size=size)
-        return judge(register_features(fa, fb), truth, b)
+from voxjax import InputError
 
 
 def _parse(argv: list[str]) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog="python -m bench calibration", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="python -m bench calibration",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("--pairs", type=int, default=200, help="pairs of one building")
     parser.add_argument("--hotels", type=int, default=60, help="pairs among equal rooms")
     parser.add_argument(
@@ -115,75 +55,129 @@ def _parse(argv: list[str]) -> argparse.Namespace:
     parser.add_argument(
         "--families", type=int, default=0, help="pairs of each role of each family, instead of the buildings"
     )
+    parser.add_argument(
+        "--role", nargs="+", choices=(*ROLES, "negatives"), default=ROLES, help="roles of --families"
+    )
+    parser.add_argument("--family", nargs="+", choices=FAMILIES, default=FAMILIES, help="some of --families")
     parser.add_argument("--seed", type=int, default=300_000)
     parser.add_argument("--cache", type=Path, default=None, help="folder for generated maps")
-    parser.add_argument("--clouds", action="store_true", help="take all free space from the maps")
     parser.add_argument(
-        "--part", default="1/1", help="2/3: the second of three processes that share the work"
+        "--clouds", action="store_true", help="take all free space from the maps; of --families, clouds only"
     )
     parser.add_argument(
-        "--join", type=Path, nargs="*", default=[], help="outputs of other runs, for the summary"
+        "--part", type=_part, default=(1, 1), help="2/3: the second of three that share the work"
     )
-    parser.add_argument("--out", type=Path, default=Path("bench/out/calibration.json"))
-    parser.add_argument("--table", action="store_true", help="print the summary of --out, run nothing")
+    parser.add_argument(
+        "--rows", type=Path, nargs="+", help="files of earlier runs: print their tables, run nothing"
+    )
+    parser.add_argument("--out", type=Path, default=None, help="JSON; default: bench/out/calibration*.json")
     parser.add_argument("--plot", type=Path, default=None, help="where to draw the reliability diagram (PNG)")
     return parser.parse_args(argv)
+
+
+def _part(text: str) -> tuple[int, int]:
+    """The part and the number of parts of the command line.
+
+    Raises:
+        argparse.ArgumentTypeError: If the text is no part of a whole.
+    """
+    first, _, second = text.partition("/")
+    if not (first.isdecimal() and second.isdecimal() and 1 <= int(first) <= int(second)):
+        raise argparse.ArgumentTypeError(f"must be like 1/2, got {text!r}")
+    return int(first), int(second)
 
 
 def main(argv: list[str]) -> int:
     """Run the benchmark; rows already in the output file (of an earlier, stopped run) are kept."""
     args = _parse(argv)
-    rows: list[dict] = json.loads(args.out.read_text())["rows"] if args.out.exists() else []
-    if not args.table:
-        print(setting())
-        _register(args, rows)
-    rows += [row for path in args.join for row in json.loads(path.read_text())["rows"]]
-    if not rows:
-        print(
-            f"bench calibration: there is no file {args.out}; run it, or name one with --out.",
-            file=sys.stderr,
+    try:
+        if args.plot is not None:
+            prepare_plots()
+        rows = (
+            _register(args) if args.rows is None else [row for path in args.rows for row in kept_rows(path)]
         )
+        _report(rows, args.plot)
+    except InputError as error:
+        print(f"bench calibration: {error}", file=sys.stderr)
         return 2
-    print("\n".join(family_table(rows) if args.families else summary(rows)))
-    if args.plot is not None:
-        draw(rows, args.plot)
     return 0
 
 
-def _register(args: argparse.Namespace, rows: list[dict]) -> None:
+def kept_rows(path: Path) -> list[dict[str, Any]]:
+    """Rows that an earlier run wrote.
+
+    Raises:
+        InputError: If there is no such file, or if it was written by something else.
+    """
+    try:
+        return list(json.loads(path.read_text())["rows"])
+    except FileNotFoundError as error:
+        raise InputError(f"there is no file {path}; run the benchmark, or name one of its files.") from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{path} is no result of this benchmark; name another file.") from error
+
+
+def _report(rows: list[dict[str, Any]], plot: Path | None) -> None:
+    """Print the tables of the rows, those of families and those of buildings, and draw their diagram.
+
+    Raises:
+        InputError: If a pair is there twice, or if one picture cannot hold all rows.
+    """
+    names = [row["name"] for row in rows]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(f"the pair {twice} is there twice; name each file of rows once.")
+    families = [row for row in rows if "role" in row]
+    buildings = [row for row in rows if "role" not in row]
+    if families:
+        print("\n".join(family_tables(families)))
+    if buildings:
+        print("\n".join(summary(buildings)))
+    if plot is None:
+        return
+    if families and buildings:
+        raise InputError("--plot draws families or buildings; name files of one of them with --rows.")
+    draw_families(families, plot) if families else draw(buildings, plot)
+
+
+def _register(args: argparse.Namespace) -> list[dict[str, Any]]:
     """Register the pairs of this part that have no row yet; each row is added and written to --out at once."""
-    part, parts = (int(word) for word in args.part.split("/"))
-    done = {r["name"] for r in rows}
-    for name, make in _jobs(args)[part - 1 :: parts]:
-        if name in done:
-            continue
+    out = _output(args) if args.out is None else args.out
+    rows = kept_rows(out) if out.exists() else []
+    done = {row["name"] for row in rows}
+    part, parts = args.part
+    jobs = [job for job in _jobs(args)[part - 1 :: parts] if job[0] not in done]
+    print(f"{setting()}\n{len(jobs)} pairs to run, {len(rows)} in {out}")
+    for name, make in jobs:
         start = time.perf_counter()
-        row = make()
-        rows.append({"name": name} | row)
-        write_json(args.out, {"rows": rows})
+        row = {"name": name} | make()
+        rows.append(row)
+        write_json(out, {"rows": rows})
         took = time.perf_counter() - start
-        print(
-            f"{name:28s} {row['verdict']:10s} {row['confidence']:.3f} right={row['right']!s:5s} {took:.1f} s",
-            flush=True,
-        )
+        said = f"{row['verdict']:10s} {row['confidence']:.3f} right={row['right']!s:5s} {took:.1f} s"
+        print(f"{name:28s} {said}", flush=True)
+    if not rows:
+        raise InputError("there is no pair to run; check --role, --family and the numbers of pairs.")
+    return rows
+
+
+def _output(args: argparse.Namespace) -> Path:
+    """The file of this part, another one for each part: two processes must not write one file."""
+    part, parts = args.part
+    kind, end = "_families" * bool(args.families), f"_{part}_of_{parts}" if parts > 1 else ""
+    return Path(f"bench/out/calibration{kind}{end}.json")
 
 
 def _jobs(args: argparse.Namespace) -> list[tuple[str, Callable[[], dict[str, Any]]]]:
     """Names of the pairs, and functions that give their rows."""
-    if args.families:
-        return [(job.name, partial(family_row, job)) for job in family_jobs(args.families, args.seed)]
-    pairs: list[tuple[str, tuple[int, ...]]] = [
-        (kind, (seed,))
-        for kind, count in (("pair", args.pairs), ("hotel", args.hotels))
-        for seed in seeds_of(kind, count, args.seed)
-    ]
-    pairs += [
-        ("cross", two) for two in itertools.combinations(seeds_of("build", args.buildings, args.seed), 2)
-    ]
-    runner, end = Runner(args.cache, clouds=args.clouds), "_cloud" if args.clouds else ""
+    if not args.families:
+        counts = args.pairs, args.hotels, args.buildings
+        return building_jobs(counts, args.seed, cache=args.cache, clouds=args.clouds)
+    roles = {*args.role, *(NEGATIVES if "negatives" in args.role else ())}
     return [
-        (f"{kind}_{'_'.join(map(str, seeds))}{end}", partial(runner.row, kind, seeds))
-        for kind, seeds in pairs
+        (job.name, partial(family_row, job))
+        for job in family_jobs(args.families, args.seed)
+        if job.role in roles and job.family in args.family and not (args.clouds and job.has_free_space)
     ]
 
 

@@ -1,7 +1,6 @@
-"""Verdicts on pairs of all families of places: rows for `bench calibration --families`, its table, and the fit.
+"""Verdicts on pairs of all families of places: rows for `bench calibration --families` and for the fit.
 
-A pose is right within 3 degrees and 0.4 m, or three of the coarser map's voxels. Pairs of one place are reported by
-their overlap; the others, with moved things, of other places, mirrored, scaled and of other storeys, by what they are.
+A pose is right within 3 degrees and 0.4 m, or three of the coarser map's voxels.
 """
 
 from collections.abc import Iterator
@@ -10,11 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bench.families import FAMILIES, family_pair, roles_of
-from bench.reliability import calibration_error, upper_bound
-from bench.reports import markdown_table
 from voxjax import register
 from voxjax.metrics import pose_error
 from voxjax.registration.judging.settings import VerdictConfig
+
+NEGATIVES: tuple[str, ...] = ("elsewhere", "mirrored", "scaled", "storey")
+"""Roles without a true pose."""
 
 
 class Job(NamedTuple):
@@ -39,17 +39,23 @@ class Job(NamedTuple):
 
 
 def family_jobs(count: int, first_seed: int) -> Iterator[Job]:
-    """`count` pairs of each role of each family, with free space and without; families take turns.
+    """`count` pairs of each role of each family, with free space and without, seed by seed.
+
+    The order within a seed is drawn from it, so that all parts of the list hold some of each.
 
     Args:
         count: Pairs of each role; four seeds in a row have all ranges of overlap.
         first_seed: Other seeds share no map.
     """
     for seed in range(first_seed, first_seed + count):
-        for family in FAMILIES:
-            for role in roles_of(family):
-                yield Job(family, role, seed, has_free_space=True)
-                yield Job(family, role, seed, has_free_space=False)
+        jobs = [
+            Job(family, role, seed, has_free_space=is_known)
+            for family in FAMILIES
+            for role in roles_of(family)
+            for is_known in (True, False)
+        ]
+        for number in np.random.default_rng([seed, 11]).permutation(len(jobs)):
+            yield jobs[number]
 
 
 def family_row(job: Job) -> dict[str, Any]:
@@ -86,63 +92,3 @@ def _is_group_right(strengths: np.ndarray, right: list[bool]) -> bool:
     if len(strengths) == 0:
         return False
     return bool(np.asarray(right)[strengths >= VerdictConfig.min_rival_share * strengths.max()].any())
-
-
-def family_table(rows: list[dict[str, Any]]) -> list[str]:
-    """Lines for people and for Markdown: verdicts by family and role, with bounds and calibration errors."""
-    head = ("family", "pairs of one place, overlap", "right", "accepted of the right", "accepted and wrong")
-    lines = []
-    for known in (True, False):
-        mine = [row for row in rows if row["name"].endswith("_cloud") != known]
-        if not mine:
-            continue
-        table = []
-        for family in sorted({row["kind"] for row in mine}):
-            for low, high in ((0.05, 0.1), (0.1, 0.2), (0.2, 1.0)):
-                same = [
-                    row
-                    for row in mine
-                    if row["kind"] == family and row["role"] == "same" and low <= row["overlap"] < high
-                ]
-                table.append((family, f"{len(same)}, {low:g} to {high:g}", *_counts(same)))
-        lines += ["", "With free space:" if known else "Clouds, without free space:", ""]
-        lines += [markdown_table(head, table), "", *_other_roles(mine)]
-        errors = [
-            f"{family} {calibration_error(*_confidences([row for row in mine if row['kind'] == family])):.3f}"
-            for family in sorted({row["kind"] for row in mine})
-        ]
-        lines += ["", f"expected calibration error: {', '.join(errors)}"]
-    return lines
-
-
-def _counts(rows: list[dict[str, Any]]) -> tuple[str, str, str]:
-    right = [row for row in rows if row["right"]]
-    accepted = [row for row in rows if row["verdict"] == "accepted"]
-    wrong = sum(not row["right"] for row in accepted)
-    return str(len(right)), f"{len(accepted) - wrong} / {len(right)}", str(wrong)
-
-
-def _other_roles(rows: list[dict[str, Any]]) -> list[str]:
-    """A table of the pairs that are not two maps of one place as it was."""
-    table = []
-    for role in ("changed", "elsewhere", "mirrored", "scaled", "storey"):
-        mine = [row for row in rows if row["role"] == role]
-        accepted = [row for row in mine if row["verdict"] == "accepted"]
-        wrong = sum(not row["right"] for row in accepted)
-        named = sum(_is_named(row) for row in mine)
-        bound = f"{wrong} ({100 * upper_bound(wrong, max(len(mine), 1)):.1f} %)"
-        table.append((role, str(len(mine)), str(len(accepted) - wrong), bound, str(named)))
-    head = ("pairs", "number", "accepted and right", "accepted and wrong (95 % bound)", "cause named")
-    return [markdown_table(head, table)]
-
-
-def _is_named(row: dict[str, Any]) -> bool:
-    """Whether the reason names what is wrong."""
-    words = {"mirrored": "mirrored", "scaled": "to be larger", "storey": "storey", "changed": "moved"}
-    alternatives = {"scaled": ("to be larger", "to be smaller")}
-    wanted = alternatives.get(row["role"], (words.get(row["role"], "\0"),))
-    return any(word in row["reason"] for word in wanted)
-
-
-def _confidences(rows: list[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
-    return np.asarray([row["confidence"] for row in rows]), np.asarray([row["right"] for row in rows], float)

@@ -1,6 +1,7 @@
-"""Do the probabilities hold? Tables, calibration error and reliability diagram of rows of `bench/calibration.py`."""
+"""Do the probabilities hold? Tables and calibration error of rows of `bench/calibration.py`."""
 
-from pathlib import Path
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from scipy.stats import beta, chi2
@@ -13,9 +14,30 @@ def calibration_error(confidence: np.ndarray, is_right: np.ndarray, bins: int = 
     return float(sum(gaps) / max(len(confidence), 1))
 
 
+def confidences(rows: Sequence[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
+    """Confidence of each row (n,), and whether its first pose is right (n,) as 0 or 1."""
+    return np.asarray([row["confidence"] for row in rows], float), np.asarray(
+        [row["right"] for row in rows], float
+    )
+
+
+def error_of_exact(confidence: np.ndarray, draws: int = 200) -> float:
+    """Calibration error in the mean of such pairs if each were right with the probability of its confidence.
+
+    Few pairs fill bins unevenly, so that exact probabilities show an error as well.
+    """
+    drawn = np.random.default_rng(0).random((draws, len(confidence))) < confidence
+    return float(np.mean([calibration_error(confidence, is_right) for is_right in drawn]))
+
+
 def upper_bound(events: int, trials: int) -> float:
     """Upper end of the 95 % interval of a rate (Clopper-Pearson, one-sided)."""
     return float(beta.ppf(0.95, events + 1, trials - events)) if events < trials else 1.0
+
+
+def lower_bound(events: int, trials: int) -> float:
+    """Lower end of the 95 % interval of a rate (Clopper-Pearson, one-sided)."""
+    return 1.0 - upper_bound(trials - events, trials)
 
 
 def summary(rows: list[dict]) -> list[str]:
@@ -90,25 +112,3 @@ def balance(rows: list[dict]) -> tuple[np.ndarray, np.ndarray]:
     chosen = np.unique(np.linspace(0, len(cross) - 1, min(keep, len(cross))).astype(int)) if cross else []
     rows = pairs + hotels + [cross[i] for i in chosen]
     return np.asarray([r["confidence"] for r in rows]), np.asarray([r["right"] for r in rows], float)
-
-
-def draw(rows: list[dict], path: Path) -> None:
-    """Reliability diagram: share right against confidence, and how many pairs each bin holds."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    confidence, is_right = balance(rows)
-    which = np.minimum((confidence * 10).astype(int), 9)
-    fig, (top, bottom) = plt.subplots(2, 1, figsize=(5, 6), height_ratios=(3, 1), sharex=True)
-    used = [k for k in range(10) if (which == k).any()]
-    top.plot([0, 1], [0, 1], "k:", lw=1)
-    top.plot([confidence[which == k].mean() for k in used], [is_right[which == k].mean() for k in used], "o-")
-    top.set_ylabel("share of the best poses that are right")
-    bottom.bar((np.arange(10) + 0.5) / 10, np.bincount(which, minlength=10), width=0.09)
-    bottom.set_xlabel("confidence")
-    bottom.set_ylabel("pairs")
-    fig.tight_layout()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    fig.savefig(path, dpi=110)

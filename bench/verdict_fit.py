@@ -5,7 +5,8 @@
 
 Pairs with free space and without are fitted apart (`registration/judging/verdict.py`). Prints the coefficients beside
 those in use, and for each family how many pairs would be accepted, rightly and wrongly, with the coefficients fitted
-on all other families. Mirrored and scaled maps are left out: what explains them is tested by itself.
+on all other families, and the expected calibration error then. Mirrored and scaled maps are left out: what explains
+them is tested by itself.
 """
 
 import argparse
@@ -15,7 +16,9 @@ from pathlib import Path
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.special import expit
 
+from bench.reliability import calibration_error
 from bench.reports import markdown_table
 from voxjax.registration.judging import verdict
 from voxjax.registration.judging.settings import VerdictConfig
@@ -56,7 +59,12 @@ def fit(terms: np.ndarray, is_right: np.ndarray, *, ridge: float = 0.05) -> Coef
 
 
 def left_out(rows: list[dict]) -> list[tuple[str, ...]]:
-    """For each family: pairs, those whose group is right, and those accepted rightly and wrongly by all others' fit."""
+    """For each family, by the fit on all others: what it would accept, and its calibration error.
+
+    Returns:
+        Family, pairs, those with a right pose among the rivals, those of them that would be accepted, accepted ones
+        without, and the calibration error of the probability that one of the rivals is right.
+    """
     table = []
     for family in sorted({row["kind"] for row in rows}):
         mine = [row for row in rows if row["kind"] == family]
@@ -70,7 +78,8 @@ def left_out(rows: list[dict]) -> list[tuple[str, ...]]:
             (is_accepted * is_right).sum(),
             (is_accepted * (1 - is_right)).sum(),
         )
-        table.append((family, *(str(int(count)) for count in counts)))
+        error = calibration_error(expit(odds), is_right)
+        table.append((family, *(str(int(count)) for count in counts), f"{error:.3f}"))
     return table
 
 
@@ -89,6 +98,7 @@ def main(argv: list[str]) -> int:
         print(f"  fitted {_shown(fit(*design(mine)))}")
         print(f"  in use {_shown(in_use[has_free_space])}")
         head = ("family left out", "pairs", "a rival is right", "accepted of these", "accepted, none right")
+        head += ("calibration error",)
         print(markdown_table(head, left_out(mine)))
     return 0
 

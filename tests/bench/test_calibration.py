@@ -1,43 +1,30 @@
-"""Rows of the calibration."""
+"""The command of the calibration: parts, resuming, and tables of kept rows."""
 
-import dataclasses
 import json
 
-import numpy as np
-from bench.calibration import judge
+import pytest
+from bench.families import FAMILIES
+from family_rows_made_up import made_up
 
 from bench import calibration
-from small_worlds import draw_map, pose
-from voxjax import register
 
 
-def test_a_row_tells_what_was_said_and_what_is_true():
-    T = pose(yaw=20.0, translation=(1.0, 2.0, 0.0))
-    a, b = draw_map(), draw_map(T)
-    found = register(a, b)
-    row = judge(found, np.linalg.inv(T), b)
-    assert row["right"]
-    assert row["rank"] == 0
-    assert row["verdict"] == found.verdict
-    assert row["leaders"][0]["right"]
-    assert row["leaders"][0]["support"] > 0.0
-    assert len(row["tangent"]) == 6
-    assert row["metres"] < 0.1
-    other = judge(found, None, b)
-    assert not other["right"]
-    assert other["rank"] is None
+@pytest.fixture
+def registered(monkeypatch):
+    """Names of the pairs that were registered; they are not, in truth."""
+    names = []
+
+    def row(job):
+        names.append(job.name)
+        return made_up(job.name, kind=job.family, role=job.role, factor=1.07)
+
+    monkeypatch.setattr(calibration, "family_row", row)
+    return names
 
 
-def test_evidence_of_a_registration_holds_what_the_fit_needs():
-    names = {
-        field.name for field in dataclasses.fields(register(draw_map(), draw_map()).hypotheses[0].evidence)
-    }
-    assert {"support", "shared_area", "contradiction_area"} <= names
-
-
-def test_the_table_is_the_summary_of_the_kept_rows(tmp_path, capsys):
+def test_the_table_is_that_of_the_kept_rows(tmp_path, capsys):
     out = tmp_path / "rows.json"
-    assert calibration.main(["--table", "--out", str(out)]) == 2
+    assert calibration.main(["--rows", str(out)]) == 2
     assert "there is no file" in capsys.readouterr().err
     row = {
         "name": "cross_1_2",
@@ -48,5 +35,102 @@ def test_the_table_is_the_summary_of_the_kept_rows(tmp_path, capsys):
         "rank": None,
     }
     out.write_text(json.dumps({"rows": [row]}))
-    assert calibration.main(["--table", "--out", str(out)]) == 0
+    assert calibration.main(["--rows", str(out)]) == 0
     assert "| different buildings (1) | - | - | 0 | 0 (" in capsys.readouterr().out
+    out.write_text(json.dumps([1]))
+    assert calibration.main(["--rows", str(out)]) == 2
+    assert "is no result of this benchmark" in capsys.readouterr().err
+
+
+def test_parts_share_the_pairs_and_their_files_are_put_together(tmp_path, registered, capsys):
+    files = [tmp_path / f"{part}.json" for part in (1, 2)]
+    for part, path in enumerate(files, 1):
+        argv = ["--families", "1", "--role", "negatives", "--part", f"{part}/2", "--out", str(path)]
+        assert calibration.main(argv) == 0
+    assert len(registered) == len(set(registered)) == 92
+    assert all(name.split("_")[1] in ("elsewhere", "mirrored", "scaled", "storey") for name in registered)
+    # Each part has some of each.
+    part = registered[:46]
+    assert {name.split("_")[0] for name in part} == set(FAMILIES)
+    assert 0.3 < sum(name.endswith("_cloud") for name in part) / 46 < 0.7
+    capsys.readouterr()
+    plot = tmp_path / "plots" / "families.png"
+    assert calibration.main(["--rows", *map(str, files), "--plot", str(plot)]) == 0
+    assert "| pairs without a true pose: at least 1500 | 92 | missed |" in capsys.readouterr().out
+    assert plot.stat().st_size > 10_000
+    assert calibration.main(["--rows", str(files[0]), str(files[0])]) == 2
+    assert "is there twice" in capsys.readouterr().err
+
+
+def test_a_stopped_run_goes_on_where_it_was(tmp_path, monkeypatch, registered):
+    out = tmp_path / "rows.json"
+    argv = ["--families", "1", "--family", "room", "--role", "same", "mirrored", "--out", str(out)]
+    row = calibration.family_row
+
+    def stopped(job):
+        if len(registered) == 2:
+            raise KeyboardInterrupt
+        return row(job)
+
+    monkeypatch.setattr(calibration, "family_row", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        calibration.main(argv)
+    assert len(json.loads(out.read_text())["rows"]) == 2
+    monkeypatch.setattr(calibration, "family_row", row)
+    assert calibration.main(argv) == 0
+    assert len(registered) == len(set(registered)) == 4
+    assert [each["name"] for each in json.loads(out.read_text())["rows"]] == registered
+
+
+def test_clouds_alone_can_be_chosen(tmp_path, registered):
+    argv = [
+        "--families",
+        "2",
+        "--family",
+        "room",
+        "--role",
+        "same",
+        "--clouds",
+        "--out",
+        str(tmp_path / "rows.json"),
+    ]
+    assert calibration.main(argv) == 0
+    assert sorted(registered) == ["room_same_300000_cloud", "room_same_300001_cloud"]
+
+
+def test_parts_do_not_share_a_file_by_default(tmp_path, monkeypatch, registered):
+    monkeypatch.chdir(tmp_path)
+    for part in ("1/2", "2/2"):
+        assert (
+            calibration.main(["--families", "1", "--family", "room", "--role", "same", "--part", part]) == 0
+        )
+    assert len(registered) == 2
+    written = sorted(path.name for path in (tmp_path / "bench" / "out").iterdir())
+    assert written == ["calibration_families_1_of_2.json", "calibration_families_2_of_2.json"]
+
+
+def test_no_pair_and_no_part_are_refused(tmp_path, registered, capsys):
+    out = tmp_path / "rows.json"
+    argv = ["--families", "1", "--family", "room", "--role", "storey", "--out", str(out)]
+    assert calibration.main(argv) == 2
+    assert "there is no pair to run" in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        calibration.main([*argv, "--part", "3/2"])
+    assert "must be like 1/2, got '3/2'" in capsys.readouterr().err
+    assert not registered
+
+
+def test_one_picture_is_of_families_or_of_buildings(tmp_path, capsys):
+    out = tmp_path / "rows.json"
+    building = {"name": "hotel_1", "kind": "hotel", "verdict": "accepted", "confidence": 1.0, "right": True}
+    building |= {
+        "rank": 0,
+        "tangent": [0.0] * 6,
+        "covariance": [[float(i == j) for i in range(6)] for j in range(6)],
+    }
+    out.write_text(json.dumps({"rows": [building, made_up("room_same_0")]}))
+    assert calibration.main(["--rows", str(out), "--plot", str(tmp_path / "a.png")]) == 2
+    said = capsys.readouterr()
+    assert "one of them" in said.err
+    assert "| equal rooms (1) |" in said.out
+    assert "| room | 1 |" in said.out

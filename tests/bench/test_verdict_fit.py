@@ -37,11 +37,12 @@ def test_the_fit_finds_what_tells_right_poses_and_holds_for_the_family_left_out(
     assert weights.strength > 0.5
     assert weights.changed > 0.5
     assert weights.crowd > 0.5
-    for family, count, right, accepted, wrong in left_out(rows):
+    for family, count, right, accepted, wrong, error in left_out(rows):
         assert family in ("garage", "mine", "street")
         assert (count, right) == ("100", "25")
         assert int(accepted) >= 20
         assert int(wrong) <= 1
+        assert float(error) < 0.1
 
 
 def test_terms_are_those_of_the_verdict_in_the_order_of_its_coefficients():
