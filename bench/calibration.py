@@ -1,7 +1,7 @@
 """Does the confidence mean what it says? Verdicts on generated pairs of one building, equal rooms, other buildings.
 
     python -m bench calibration [--pairs 200] [--hotels 60] [--buildings 25] [--seed 300000] [--cache FOLDER]
-    python -m bench calibration --families 18 [--role negatives] [--family street forest] [--part 1/2] [--out FILE]
+    python -m bench calibration --families 18 [--role negatives] [--family street forest] [--part 1/2] [--peers NAMES]
     python -m bench calibration --rows FILE ... [--plot PNG]
 
 Different buildings: each map against each other one. The seed is another one than that of the worlds that the model of
@@ -18,6 +18,9 @@ pose than by 5 % of size. A pair takes 4 to 11 s, on two cores. Their diagram ha
 Each row is written to --out at once. A run that was stopped goes on with the same command; processes that share the
 work by `--part 1/2` and `--part 2/2` write files of their own, and `--rows` prints the tables of several files at once
 and runs nothing. After a change of the code give another --out: rows that are there are not measured again.
+
+`--peers kiss-matcher` asks other systems about the same pairs of families, also those whose rows are there: what each
+calls valid, what it has right, and its seconds stand beside voxjax. Their voxels are 2.5 of the maps', at most 0.3 m.
 """
 
 import argparse
@@ -31,12 +34,14 @@ from typing import Any
 
 from bench.building_rows import building_jobs
 from bench.families import FAMILIES, ROLES
+from bench.family_peer_table import peer_table, peers_of
 from bench.family_rows import NEGATIVES, family_jobs, family_row
 from bench.family_tables import family_tables
+from bench.peers import Peer, load_peers
 from bench.plots import prepare_plots
 from bench.reliability import summary
 from bench.reliability_plots import draw, draw_families
-from bench.reports import write_json
+from bench.reports import names_in, write_json
 from bench.timing import setting
 from voxjax import InputError
 
@@ -59,6 +64,9 @@ def _parse(argv: list[str]) -> argparse.Namespace:
         "--role", nargs="+", choices=(*ROLES, "negatives"), default=ROLES, help="roles of --families"
     )
     parser.add_argument("--family", nargs="+", choices=FAMILIES, default=FAMILIES, help="some of --families")
+    parser.add_argument(
+        "--peers", default="", help="other systems beside --families, by comma: kiss-matcher, ..."
+    )
     parser.add_argument("--seed", type=int, default=300_000)
     parser.add_argument("--cache", type=Path, default=None, help="folder for generated maps")
     parser.add_argument(
@@ -131,6 +139,8 @@ def _report(rows: list[dict[str, Any]], plot: Path | None) -> None:
     buildings = [row for row in rows if "role" not in row]
     if families:
         print("\n".join(family_tables(families)))
+    if peers_of(families):
+        print(f"\n{peer_table(families)}")
     if buildings:
         print("\n".join(summary(buildings)))
     if plot is None:
@@ -141,24 +151,32 @@ def _report(rows: list[dict[str, Any]], plot: Path | None) -> None:
 
 
 def _register(args: argparse.Namespace) -> list[dict[str, Any]]:
-    """Register the pairs of this part that have no row yet; each row is added and written to --out at once."""
+    """Register the pairs of this part that have no row yet, or not that of a peer; --out is written after each."""
+    peers = load_peers(names_in(args.peers))
+    if peers and not args.families:
+        raise InputError("--peers takes part in --families alone; give --families N.")
     out = _output(args) if args.out is None else args.out
-    rows = kept_rows(out) if out.exists() else []
-    done = {row["name"] for row in rows}
+    rows = {row["name"]: row for row in kept_rows(out)} if out.exists() else {}
     part, parts = args.part
-    jobs = [job for job in _jobs(args)[part - 1 :: parts] if job[0] not in done]
+    jobs = [
+        job for job in _jobs(args, peers, rows)[part - 1 :: parts] if _is_missing(rows.get(job[0]), peers)
+    ]
     print(f"{setting()}\n{len(jobs)} pairs to run, {len(rows)} in {out}")
     for name, make in jobs:
         start = time.perf_counter()
-        row = {"name": name} | make()
-        rows.append(row)
-        write_json(out, {"rows": rows})
+        rows[name] = row = {"name": name} | make()
+        write_json(out, {"rows": list(rows.values())})
         took = time.perf_counter() - start
         said = f"{row['verdict']:10s} {row['confidence']:.3f} right={row['right']!s:5s} {took:.1f} s"
         print(f"{name:28s} {said}", flush=True)
     if not rows:
         raise InputError("there is no pair to run; check --role, --family and the numbers of pairs.")
-    return rows
+    return list(rows.values())
+
+
+def _is_missing(row: dict[str, Any] | None, peers: list[Peer]) -> bool:
+    """Whether a pair has no row yet, or one without some of the peers."""
+    return row is None or any(peer.name not in row.get("peers", {}) for peer in peers)
 
 
 def _output(args: argparse.Namespace) -> Path:
@@ -168,14 +186,16 @@ def _output(args: argparse.Namespace) -> Path:
     return Path(f"bench/out/calibration{kind}{end}.json")
 
 
-def _jobs(args: argparse.Namespace) -> list[tuple[str, Callable[[], dict[str, Any]]]]:
-    """Names of the pairs, and functions that give their rows."""
+def _jobs(
+    args: argparse.Namespace, peers: list[Peer], rows: dict[str, dict[str, Any]]
+) -> list[tuple[str, Callable[[], dict[str, Any]]]]:
+    """Names of the pairs, and functions that give their rows; those that are there already get the peers' answers."""
     if not args.families:
         counts = args.pairs, args.hotels, args.buildings
         return building_jobs(counts, args.seed, cache=args.cache, clouds=args.clouds)
     roles = {*args.role, *(NEGATIVES if "negatives" in args.role else ())}
     return [
-        (job.name, partial(family_row, job))
+        (job.name, partial(family_row, job, peers, rows.get(job.name)))
         for job in family_jobs(args.families, args.seed)
         if job.role in roles and job.family in args.family and not (args.clouds and job.has_free_space)
     ]

@@ -33,7 +33,8 @@ def draw(rows: list[dict], path: Path) -> None:
 def draw_families(rows: list[dict[str, Any]], path: Path) -> None:
     """Write a PNG with a small reliability diagram for each family: pairs with free space, and clouds.
 
-    Bars are 95 % intervals, and the areas of the dots grow with the numbers of pairs.
+    Bars are 95 % intervals, and the areas of the dots grow with the numbers of pairs. What a peer calls valid stands at
+    1, the rest at 0.
     """
     import matplotlib.pyplot as plt
 
@@ -56,13 +57,21 @@ def draw_families(rows: list[dict[str, Any]], path: Path) -> None:
         axis.plot([0, 1], [0, 1], "k:", lw=1)
         for is_cloud, label in ((False, "free space"), (True, "clouds")):
             _draw_bins(axis, [row for row in mine if row["name"].endswith("_cloud") == is_cloud], label)
+        for number, peer in enumerate(dict.fromkeys(name for row in rows for name in row.get("peers", {}))):
+            _draw_verdicts(axis, mine, peer, f"C{2 + number}")
         error = calibration_error(*confidences(mine))
         axis.set(xlim=(-0.05, 1.05), ylim=(-0.05, 1.05), xticks=(0, 0.5, 1), yticks=(0, 0.5, 1))
         axis.set_title(f"{family}: {len(mine)} pairs, error {error:.3f}", fontsize=9)
         axis.grid(alpha=0.3)
     figure.supxlabel("confidence")
     figure.supylabel("share of the best poses that are right")
-    axes.flat[0].legend(fontsize=7)
+    # Not every family need have all kinds of pairs.
+    labelled = {
+        label: mark
+        for axis in axes.flat
+        for mark, label in zip(*axis.get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(labelled.values(), labelled, loc="outside upper center", ncols=len(labelled), fontsize=8)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=80)
     plt.close(figure)
@@ -82,3 +91,14 @@ def _draw_bins(axis, rows: Sequence[dict[str, Any]], label: str, bins: int = 10)
     drawn = axis.errorbar(means, shares, yerr=bars, lw=1, elinewidth=0.6)
     sizes = [4 + 60 * mine.mean() for mine in used]
     axis.scatter(means, shares, s=sizes, color=drawn.lines[0].get_color(), label=label, zorder=3)
+
+
+def _draw_verdicts(axis, rows: Sequence[dict[str, Any]], peer: str, color: str) -> None:
+    """Crosses for what a peer calls valid, at 1, and for what it does not, at 0; nothing if it has no verdict."""
+    said = [row["peers"][peer] for row in rows if row.get("peers", {}).get(peer, {}).get("valid") is not None]
+    for is_valid, place in ((True, 1.0), (False, 0.0)):
+        right = [answer["right"] for answer in said if answer["valid"] == is_valid]
+        if not right:
+            continue
+        label = f"{peer}: valid at 1, not at 0" if is_valid else None
+        axis.plot(place, np.mean(right), "x", color=color, label=label, zorder=4, clip_on=False)

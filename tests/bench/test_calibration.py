@@ -4,9 +4,14 @@ import json
 
 import pytest
 from bench.families import FAMILIES
+from bench.peers import Peer
 from family_rows_made_up import made_up
 
 from bench import calibration
+
+
+def no_answer(points_a, points_b, working):
+    raise AssertionError
 
 
 @pytest.fixture
@@ -14,9 +19,11 @@ def registered(monkeypatch):
     """Names of the pairs that were registered; they are not, in truth."""
     names = []
 
-    def row(job):
+    def row(job, peers=(), earlier=None):
         names.append(job.name)
-        return made_up(job.name, kind=job.family, role=job.role, factor=1.07)
+        said = {peer.name: {"valid": True, "right": True, "seconds": 1.0} for peer in peers}
+        found = made_up(job.name, kind=job.family, role=job.role, factor=1.07, seconds=1.0)
+        return (found if earlier is None else earlier) | ({"peers": said} if said else {})
 
     monkeypatch.setattr(calibration, "family_row", row)
     return names
@@ -67,10 +74,10 @@ def test_a_stopped_run_goes_on_where_it_was(tmp_path, monkeypatch, registered):
     argv = ["--families", "1", "--family", "room", "--role", "same", "mirrored", "--out", str(out)]
     row = calibration.family_row
 
-    def stopped(job):
+    def stopped(job, peers, earlier):
         if len(registered) == 2:
             raise KeyboardInterrupt
-        return row(job)
+        return row(job, peers, earlier)
 
     monkeypatch.setattr(calibration, "family_row", stopped)
     with pytest.raises(KeyboardInterrupt):
@@ -96,6 +103,33 @@ def test_clouds_alone_can_be_chosen(tmp_path, registered):
     ]
     assert calibration.main(argv) == 0
     assert sorted(registered) == ["room_same_300000_cloud", "room_same_300001_cloud"]
+
+
+def test_peers_are_asked_about_rows_that_are_there(tmp_path, monkeypatch, registered, capsys):
+    monkeypatch.setattr(
+        calibration, "load_peers", lambda names: [Peer(name, (), "", no_answer) for name in names]
+    )
+    out = tmp_path / "rows.json"
+    argv = ["--families", "1", "--family", "room", "--role", "same", "--out", str(out)]
+    assert calibration.main(argv) == 0
+    assert "| room | voxjax |" not in capsys.readouterr().out
+    plot = tmp_path / "families.png"
+    assert calibration.main([*argv, "--peers", "theirs", "--plot", str(plot)]) == 0
+    assert len(registered) == 4
+    rows = json.loads(out.read_text())["rows"]
+    assert [list(row["peers"]) for row in rows] == [["theirs"], ["theirs"]]
+    assert "| room | theirs | - | 2 of 2 |" in capsys.readouterr().out
+    assert plot.stat().st_size > 5_000
+    assert calibration.main([*argv, "--peers", "theirs"]) == 0
+    assert len(registered) == 4
+
+
+def test_peers_of_buildings_are_refused(capsys, monkeypatch):
+    monkeypatch.setattr(
+        calibration, "load_peers", lambda names: [Peer(name, (), "", no_answer) for name in names]
+    )
+    assert calibration.main(["--peers", "theirs"]) == 2
+    assert "--peers takes part in --families alone" in capsys.readouterr().err
 
 
 def test_parts_do_not_share_a_file_by_default(tmp_path, monkeypatch, registered):

@@ -1,10 +1,12 @@
 """Rows of the families of places, on small pairs."""
 
 import numpy as np
+import pytest
 from bench.families import FAMILIES, FamilyPair
 from bench.family_rows import Job, family_jobs, family_row
+from bench.peers import Coarse, Peer
 
-from bench import family_rows
+from bench import family_rows, peers
 from small_worlds import draw_map, pose
 
 T_A_B = pose(yaw=40.0, translation=(2.0, 1.0, 0.0))
@@ -43,3 +45,30 @@ def test_the_order_of_jobs_is_the_same_again_and_seeds_come_one_after_another():
     names = [job.name for job in family_jobs(2, 10)]
     assert names == [job.name for job in family_jobs(2, 10)]
     assert all("_10" in name for name in names[: len(names) // 2])
+
+
+def truthful(points_a, points_b, working):
+    """A peer that knows the truth, and thinks it is wrong."""
+    assert (len(points_a), len(points_b)) == (
+        draw_map().num_occupied,
+        draw_map(np.linalg.inv(T_A_B)).num_occupied,
+    )
+    assert working == pytest.approx(0.3)
+    return Coarse(T_A_B, False, 1.0)
+
+
+def test_peers_answer_for_the_same_pair(monkeypatch):
+    monkeypatch.setattr(family_rows, "family_pair", small_pair)
+    monkeypatch.setattr(peers, "refine_twice", lambda a, b, T, **other: T)
+    earlier = {"name": "room_same_0", "verdict": "as it was", "peers": {"other": {"valid": None}}}
+    peer = Peer("theirs", (), "", truthful)
+    row = family_row(Job("room", "same", 0, has_free_space=True), [peer], earlier)
+    assert row["verdict"] == "as it was"
+    assert row["peers"]["other"] == {"valid": None}
+    answer = row["peers"]["theirs"]
+    assert (answer["valid"], answer["right"]) == (False, True)
+    assert answer["metres"] < 1e-6
+    assert answer["seconds"] > 0.0
+    none = family_row(Job("room", "elsewhere", 0, has_free_space=True), [peer], {"name": "room_elsewhere_0"})
+    assert none["peers"]["theirs"]["right"] is False
+    assert "metres" not in none["peers"]["theirs"]
