@@ -1,9 +1,12 @@
 """Recall, wrong accepts, errors and times of `voxjax.register`, beside peers on the same maps in the same run.
 
     python -m bench registration [--peers kiss-matcher,open3d] [--generated N --seed S] [--maps FOLDER --only sim,real]
+    python -m bench registration --only real --generated 0 --reframings 10 --half [--maps FOLDER] [--resume]
 
 A pose is right when its rotation is within 3 degrees and map b's centroid within 0.4 m or 3 voxels of the truth; for
-real maps, within the tolerances of their truth files, also when they are re-framed or coarsened. Methods take turns
+real maps, within the tolerances of their truth files, also when they are re-framed or coarsened. Re-framed are both
+maps of a pair, each turned anyhow and shifted: measured points are moved and put into voxels anew, maps that hold free
+space are resampled, to the nearest voxel. A second table has these pairs one by one. Methods take turns
 pair by pair, so that slow spells of the machine hit all alike. The JSON file is written after every pair.
 """
 
@@ -28,6 +31,7 @@ from bench.plots import draw_plots, prepare_plots
 from bench.reports import names_in, write_json
 from bench.summary import Row, markdown, summarize
 from bench.timing import setting, turned
+from bench.variant_table import variant_table
 from bench.worlds import MapPair
 
 Method = Callable[[Case, MapPair], Row]
@@ -38,12 +42,17 @@ def main(argv: list[str]) -> int:
     args = _parse(argv)
     try:
         if args.table:
-            print(markdown(_kept(args.out)["rows"]))
+            print(_tables(_kept(args.out)["rows"]))
             return 0
         return _run(args)
     except vx.InputError as error:
         print(f"bench registration: {error}", file=sys.stderr)
         return 2
+
+
+def _tables(rows: list[Row]) -> str:
+    """The summary, and the table of the variants of real pairs if some were run."""
+    return "\n\n".join(filter(None, (markdown(rows), variant_table(rows))))
 
 
 def _parse(argv: list[str]) -> argparse.Namespace:
@@ -82,7 +91,7 @@ def _run(args: argparse.Namespace) -> int:
     if args.plot is not None:
         prepare_plots()
     rows = _rows(args, methods, _environment(peers))
-    print(f"\n{markdown(rows)}")
+    print(f"\n{_tables(rows)}")
     if args.plot is not None:
         print("\n" + "\n".join(f"wrote {path}" for path in draw_plots(rows, args.plot)))
     return 0

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from bench.cases import Case
 from bench.summary import markdown
+from bench.variant_table import variant_table
 from bench.worlds import MapPair
 from hidden_packages import hide
 from summary_rows import row as summary_row
@@ -70,6 +71,10 @@ def test_the_table_is_that_of_the_kept_rows(tmp_path, capsys):
     out.write_text(json.dumps({"rows": rows, "settings": {}}))
     assert registration.main(["--table", "--out", str(out)]) == 0
     assert capsys.readouterr().out.strip() == markdown(rows)
+    rows.append(summary_row(case="real/one~half", source="half"))
+    out.write_text(json.dumps({"rows": rows, "settings": {}}))
+    assert registration.main(["--table", "--out", str(out)]) == 0
+    assert capsys.readouterr().out.strip() == f"{markdown(rows)}\n\n{variant_table(rows)}"
     out.write_text(json.dumps([1, 2]))
     assert registration.main(["--table", "--out", str(out)]) == 2
     assert "no result of this benchmark" in capsys.readouterr().err
