@@ -24,6 +24,8 @@ class MapConfig(Settings, table="map"):
         inferred_directions: A place is enclosed if a surface lies in at least so many of the 26 directions.
         virtual_reach: The planes of a virtual corner end within this of it [m]: so much of walls does furniture hide.
             In coarse maps it is no less than the seven voxels beside an observed corner.
+        max_planar: Planes and their corners are found in voxels so wide that about so many of them are occupied: the
+            time grows with their number, and the faces of rooms are as well found in wider ones.
         descriptor_spacing: Descriptors are of points averaged over cells of two and a half voxels, but no wider than
             this [m], where voxels are finer: furniture has no shape beyond it.
         max_described: A map has descriptors at the finest scale at which it has at most so many points: the time of
@@ -40,6 +42,7 @@ class MapConfig(Settings, table="map"):
     inferred_reach: float = setting(12.0, above=0.0, high=1_000.0)
     inferred_directions: int = setting(20, low=1, high=26)
     virtual_reach: float = setting(2.0, above=0.0, high=1_000.0)
+    max_planar: int = setting(60_000, low=1, high=1_000_000_000)
     descriptor_spacing: float = setting(0.3, above=0.0, high=1_000.0)
-    max_described: int = setting(24_576, low=1, high=10_000_000)
+    max_described: int = setting(10_000, low=1, high=10_000_000)
     min_inferred: float = setting(0.75, low=0.0, high=1.0)

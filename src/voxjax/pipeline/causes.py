@@ -36,6 +36,10 @@ LEAST_SHARE = 0.8
 """A changed map b that scores less than this share of map b as it is once it is roughly aligned explains no more: the
 last alignment gains less than a fifth."""
 
+HOPELESS = 0.9
+"""Neither does one of which no roughly aligned pose is right with this probability, as a fifth makes no likely one of
+it."""
+
 
 class Explained(NamedTuple):
     """A verdict after its causes were looked for.
@@ -104,7 +108,7 @@ def _mirrored(pair: Questioned, decide: Decide, settings: Config, stages: Stages
     """The verdict after the mirror image of map b was searched for in map a."""
     given, finding = pair.leaders, pair.finding
     image = mirrored_features(pair.b)
-    mirrored = _leaders_of(pair, image, settings, stages)
+    mirrored = _leaders_of(pair, image, decide, settings, stages)
     found = decide(image, mirrored)
     figures = {
         "score": best_score(given),
@@ -135,9 +139,13 @@ def _scaled(pair: Questioned, decide: Decide, settings: Config, stages: Stages) 
     if best is None or not is_other_scale(best[0], cause) or best[1] < LEAST_SHARE * best_score(given):
         return Explained(finding, None, {"scale": figures})
     best = best[0]
-    # As all poses are: other ones of the scaled map may score as well.
     changed = scaled_features(pair.b, best.scale)
-    scaled = _leaders_of(pair, changed, settings, stages, guess=best.T_a_b)
+    # What chance gives is much the same for the map as it is, so that a scale that explains no more is let go of soon.
+    alone = _roughly_judged(pair.a, changed, best.T_a_b[None], settings)._replace(tried=given.tried)
+    if decide(changed, alone).none > HOPELESS:
+        return Explained(finding, None, {"scale": figures})
+    # As all poses are: other ones of the scaled map may score as well.
+    scaled = _leaders_of(pair, changed, decide, settings, stages, guess=best.T_a_b)
     found = decide(changed, scaled)
     figures |= {"scaled_score": best_score(scaled), "scaled_confidence": found.confidence}
     is_clear = is_other_scale(best, cause, is_clear=True)
@@ -166,16 +174,18 @@ def _figures(found: tuple[Similarity, float] | None) -> dict[str, float]:
 def _leaders_of(
     pair: Questioned,
     changed: MapFeatures,
+    decide: Decide,
     settings: Config,
     stages: Stages,
     *,
     guess: np.ndarray | None = None,
 ) -> Leaders:
-    """Leaders of a changed map b; the best pose alone, roughly judged, where that is far below the given ones.
+    """Leaders of a changed map b; the best pose alone, roughly judged, where it is clear that it explains no more.
 
     Args:
         pair: The maps as they are, and what is said of them.
         changed: The changed map b.
+        decide: The verdict on leaders of map a and the changed one.
         settings: Settings of the stages.
         stages: Keeps the seconds.
         guess: A pose (4, 4) of the changed map where one is known, beside which the search finds its rivals.
@@ -185,7 +195,7 @@ def _leaders_of(
     anywhere = PoseRange(np.asarray(changed.prepared.centroid))
     a, b = (coarser_features(each, pair.factor, settings) for each in (pair.a, changed))
     proposed = coarse_proposals(a, b, settings, pose_range=anywhere, guess=guess)
-    leaders = _searched(a, b, proposed, least, settings)
+    leaders = _searched(a, b, proposed, decide, least, settings)
     if pair.factor > 1 and best_score(leaders) >= least:
         factors = finer_factors(pair.factor)
         leaders = leaders_through_copies(
@@ -195,21 +205,26 @@ def _leaders_of(
     return leaders
 
 
-def _searched(a: MapFeatures, b: MapFeatures, proposed: Proposals, least: float, settings: Config) -> Leaders:
-    """Leaders among aligned poses; the best alone, roughly judged, if it scores less than `least`."""
-    leader, weight = settings.leader, settings.evidence.conflict_weight
+def _searched(
+    a: MapFeatures, b: MapFeatures, proposed: Proposals, decide: Decide, least: float, settings: Config
+) -> Leaders:
+    """Leaders among aligned poses; the best alone, roughly judged, if it scores less than `least` or is hopeless."""
+    leader = settings.leader
     if len(proposed.poses):
-        judged = judge_poses(
-            a.prepared,
-            b.prepared,
-            proposed.poses,
-            num_points=leader.num_rough_judges,
-            conflict_weight=weight,
-        )
-        if judged.score().max() < least:
-            tried = Tried(proposed.poses, judged.strength())
-            best = np.argsort(-judged.score(), kind="stable")[:1]
-            return Leaders(proposed.poses, judged, proposed.sources, tried).take(best)
+        rough = _roughly_judged(a, b, proposed.poses, settings)
+        if best_score(rough) < least or decide(b, rough).none > HOPELESS:
+            return rough
     fewer = replace(leader, num_refined=min(leader.num_refined, settings.cause.num_refined))
     leaders = find_leaders(a.prepared, b.prepared, proposed, fewer, settings.evidence)
     return weigh_rivals(a, b, leaders, settings.verdict)
+
+
+def _roughly_judged(a: MapFeatures, b: MapFeatures, poses: np.ndarray, settings: Config) -> Leaders:
+    """The best of some aligned poses by some voxels of both maps, as the only leader."""
+    leader, weight = settings.leader, settings.evidence.conflict_weight
+    judged = judge_poses(
+        a.prepared, b.prepared, poses, num_points=leader.num_rough_judges, conflict_weight=weight
+    )
+    best = np.argsort(-judged.score(), kind="stable")[:1]
+    sources = ("exhaustive",) * len(poses)
+    return Leaders(poses, judged, sources, Tried(poses, judged.strength())).take(best)

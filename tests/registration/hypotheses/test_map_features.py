@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from small_worlds import draw_map, pose
+from voxjax.maps.settings import MapConfig
 from voxjax.pipeline.config import config_from
 from voxjax.pipeline.features import features_at
 from voxjax.planes.settings import PlaneConfig
@@ -43,3 +44,14 @@ def test_two_planes_make_no_corner():
     assert map_features(grid, plane=PlaneConfig(max_planes=2)).corners.num_listed == 0
     settings = config_from({"plane": {"max_planes": 2}})
     assert features_at(grid, voxel_size=grid.voxel_size, config=settings).corners.num_listed == 0
+
+
+def test_corners_of_a_map_of_many_voxels_are_found_in_wider_ones():
+    grid = draw_map()
+    fine = map_features(grid, max_virtual=0).corners.trimmed()
+    fewer = MapConfig(max_planar=grid.num_occupied // 2)
+    wide = map_features(grid, max_virtual=0, settings=fewer).corners.trimmed()
+    assert 0 < len(wide.position) <= len(fine.position)
+    gaps = np.linalg.norm(np.asarray(wide.position)[:, None] - np.asarray(fine.position), axis=2).min(axis=1)
+    assert np.median(gaps) < grid.voxel_size
+    assert not np.array_equal(np.asarray(wide.position), np.asarray(fine.position))

@@ -45,27 +45,33 @@ def agreement_matrix(
     Returns:
         Symmetric matrix (n, n), False on the diagonal.
     """
+    # Coordinates apart: fused loops over long rows are vectorised, and those over axes of three are not.
+    sides = [tuple(part.T for part in side) for side in ((points_a, normals_a), (points_b, normals_b))]
 
-    def angles(point: Array, normal: Array, points: Array, normals: Array) -> tuple[Array, Array]:
-        offset = points - point[None]
-        length = jnp.sqrt(jnp.sum(offset * offset, axis=1, dtype=offset.dtype))
+    def angles(point: Array, normal: Array, points: Array, normals: Array) -> tuple[Array, tuple[Array, ...]]:
+        offset = [points[axis] - point[axis] for axis in range(3)]
+        length = jnp.sqrt(_dot(offset, offset))
         # A point has no direction to itself. That pair, the diagonal, is no longer than twice any tolerance, and falls
         # out below with all that are too near.
-        direction = offset / jnp.maximum(length, 1e-6)[:, None]
-        theirs = jnp.sum(direction * normals, axis=1, dtype=offset.dtype)
-        return length, jnp.stack([normals @ normal, direction @ normal, theirs])
+        inverse = 1.0 / jnp.maximum(length, 1e-6)
+        return length, (
+            _dot(normals, normal),
+            _dot(offset, normal) * inverse,
+            _dot(offset, normals) * inverse,
+        )
 
     def row(one: tuple[Array, ...]) -> Array:
         point_a, normal_a, point_b, normal_b, is_valid, tolerance = one
-        length_a, cosines_a = angles(point_a, normal_a, points_a, normals_a)
-        length_b, cosines_b = angles(point_b, normal_b, points_b, normals_b)
+        length_a, cosines_a = angles(point_a, normal_a, *sides[0])
+        length_b, cosines_b = angles(point_b, normal_b, *sides[1])
         allowed = jnp.maximum(distance_tolerance, tolerance)
         # Nearer than that, the errors of the two points are as long as the line between them, whose direction and
         # length then rule nothing out.
-        is_apart = jnp.minimum(length_a, length_b) > 2.0 * allowed
-        same_distance = jnp.abs(length_a - length_b) <= allowed
-        same_angles = jnp.all(jnp.abs(cosines_a - cosines_b) <= cosine_tolerance, axis=0)
-        return is_apart & same_distance & same_angles & mask & is_valid
+        agrees = (jnp.minimum(length_a, length_b) > 2.0 * allowed) & mask & is_valid
+        agrees &= jnp.abs(length_a - length_b) <= allowed
+        for cosine_a, cosine_b in zip(cosines_a, cosines_b, strict=True):
+            agrees &= jnp.abs(cosine_a - cosine_b) <= cosine_tolerance
+        return agrees
 
     # In chunks of rows: all at once would hold the directions of n * n pairs.
     each = (points_a, normals_a, points_b, normals_b, mask, distance_tolerance)
@@ -186,12 +192,18 @@ def matches_under_poses(
     Returns:
         (p, n).
     """
+    # Coordinates apart, as in `agreement_matrix`.
+    side_a, side_b = (points_a.T, normals_a.T), (points_b.T, normals_b.T)
 
     def explain(pose: Array) -> Array:
-        rotation = pose[:3, :3]
-        offset = points_b @ rotation.T + pose[None, :3, 3] - points_a
-        is_near = jnp.sum(offset * offset, axis=1, dtype=offset.dtype) <= distance_tolerance**2
-        cosine = jnp.sum((normals_b @ rotation.T) * normals_a, axis=1, dtype=offset.dtype)
-        return is_near & (cosine >= min_cosine) & mask
+        moved = [_dot(pose[axis], side_b[0]) + pose[axis, 3] for axis in range(3)]
+        offset = [moved[axis] - side_a[0][axis] for axis in range(3)]
+        cosine = _dot([_dot(pose[axis], side_b[1]) for axis in range(3)], side_a[1])
+        return (_dot(offset, offset) <= distance_tolerance**2) & (cosine >= min_cosine) & mask
 
     return jax.lax.map(explain, poses, batch_size=64)
+
+
+def _dot(x: Array | list[Array], y: Array | list[Array]) -> Array:
+    """Sum of the products of the first three coordinates, each of which may be a row of values."""
+    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]

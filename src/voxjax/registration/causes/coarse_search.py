@@ -6,14 +6,16 @@ before anything ranks it by finer evidence.
 """
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
 from ...maps.mirrored import scaled
 from ..hypotheses.distinct import distinct_rows
 from ..hypotheses.exhaustive import exhaustive_hypotheses, upright_frame
+from ..hypotheses.kept import kept_of_pair
 from ..hypotheses.map_features import MapFeatures
-from ..hypotheses.rotations import rotation_hypotheses
+from ..hypotheses.pair_rotations import rotations_of_pair
 from ..hypotheses.settings import EvidenceConfig, ExhaustiveConfig, RotationConfig, SourceConfig
 from .settings import CauseConfig
 from .similarity import Start
@@ -45,19 +47,12 @@ def coarse_starts(
         evidence: How much conflicts weigh.
     """
     # A scale turns no normal: the rotations are those of the map as it is.
-    rotations, _ = rotation_hypotheses(
-        a.normals,
-        b.normals,
-        a.directions,
-        b.directions,
-        is_signed=a.prepared.has_free_space and b.prepared.has_free_space,
-        max_lean=max_lean,
-        max_rotations=source.max_rotations,
-        settings=rotation,
+    rotations = rotations_of_pair(
+        a, b, max_lean=max_lean, max_rotations=source.max_rotations, settings=rotation
     )
-    poses, scores = [], []
-    for scale in scales:
-        found, score = exhaustive_hypotheses(
+
+    def search(scale: float) -> tuple[np.ndarray, np.ndarray]:
+        return exhaustive_hypotheses(
             a.prepared,
             b.prepared if scale == 1.0 else scaled(b.prepared, scale),
             rotations,
@@ -66,6 +61,12 @@ def coarse_starts(
             num_peaks=settings.num_peaks,
             settings=ExhaustiveConfig(max_cells=settings.max_cells),
         )
+
+    poses, scores = [], []
+    for scale in scales:
+        # The map as it is is searched for its pose, and again for its scale.
+        key = ("coarse search", scale, max_lean, settings, source, rotation, evidence)
+        found, score = kept_of_pair(a, b, key, partial(search, scale))
         poses += [Start(scale, pose) for pose in found]
         scores.append(score)
     if not poses:

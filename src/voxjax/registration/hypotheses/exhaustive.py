@@ -182,18 +182,17 @@ def _quarter_turns_apart(turned: np.ndarray, max_angle: float) -> np.ndarray:
     Rotations of a building come in such families; a family shares its Fourier transforms.
     """
     bound = 1.0 + 2.0 * np.cos(max_angle)
-    heads: list[np.ndarray] = []
-    snapped = []
-    for rotation in turned:
-        for head in heads:
-            between = rotation @ head.T
-            # Rounded to whole numbers, a rotation near a quarter turn becomes one; any other becomes no
-            # rotation, or one that is too far away.
-            quarter = np.rint(between)
-            if np.sum(between * quarter) >= bound and np.array_equal(quarter @ quarter.T, np.eye(3)):
-                snapped.append(quarter @ head)
-                break
+    snapped, is_head = np.array(turned), np.zeros(len(turned), bool)
+    for row, rotation in enumerate(turned):
+        heads = turned[is_head]
+        between = rotation @ np.swapaxes(heads, 1, 2)
+        # Rounded to whole numbers, a rotation near a quarter turn becomes one; any other becomes no rotation, or one
+        # that is too far away.
+        quarter = np.rint(between)
+        is_turn = np.all(quarter @ np.swapaxes(quarter, 1, 2) == np.eye(3), axis=(1, 2))
+        alike = np.flatnonzero(is_turn & (np.sum(between * quarter, axis=(1, 2)) >= bound))
+        if len(alike):
+            snapped[row] = quarter[alike[0]] @ heads[alike[0]]
         else:
-            heads.append(rotation)
-            snapped.append(rotation)
-    return np.reshape(np.asarray(snapped), (-1, 3, 3))
+            is_head[row] = True
+    return snapped

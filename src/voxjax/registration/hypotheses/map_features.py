@@ -59,10 +59,14 @@ class LateFeatures:
         return self._corners
 
     def _find_corners(self) -> Corners:
-        planes = extract_planes(self._grid, settings=self._planes)
-        reach = self._settings.virtual_reach
+        grid, settings = self._grid, self._settings
+        # The faces that make corners are large, and refinement places what corners propose.
+        factor = int(np.ceil(np.sqrt(grid.num_occupied / settings.max_planar)))
+        if factor > 1:
+            grid = grid.with_voxel_size(factor * grid.voxel_size)
+        planes = extract_planes(grid, settings=self._planes)
         return corners_of_planes(
-            self._grid, planes, virtual=True, virtual_reach=reach, max_virtual=self._max_virtual
+            grid, planes, virtual=True, virtual_reach=settings.virtual_reach, max_virtual=self._max_virtual
         )
 
     @property

@@ -20,9 +20,9 @@ from .descriptors import descriptor_hypotheses
 from .distinct import distinct_poses
 from .exhaustive import exhaustive_hypotheses, upright_frame
 from .map_features import MapFeatures
+from .pair_rotations import rotations_of_pair
 from .pose_range import PoseRange
 from .ranking import rank_poses
-from .rotations import rotation_hypotheses
 from .settings import (
     DescriptorConfig,
     ExhaustiveConfig,
@@ -93,17 +93,8 @@ def propose_exhaustively(
         rotation: How rotations are found.
         exhaustive: How fine the translations are searched.
     """
-    # Signs tell apart rotations under which surfaces face opposite ways; without free space in both maps they
-    # mean nothing.
-    rotations, _ = rotation_hypotheses(
-        a.normals,
-        b.normals,
-        a.directions,
-        b.directions,
-        is_signed=a.prepared.has_free_space and b.prepared.has_free_space,
-        max_lean=max_lean,
-        max_rotations=source.max_rotations,
-        settings=rotation,
+    rotations = rotations_of_pair(
+        a, b, max_lean=max_lean, max_rotations=source.max_rotations, settings=rotation
     )
     poses, _ = exhaustive_hypotheses(
         a.prepared,
