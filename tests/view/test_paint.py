@@ -1,4 +1,4 @@
-"""The voxel painter: what is near hides what is far, sizes, ceilings."""
+"""The voxel painter: what is near hides what is far, sizes."""
 
 import tracemalloc
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from voxjax.view.columns import top_columns
-from voxjax.view.paint import _cube_stamp, ceiling_cut, ceiling_height, paint_isometric, paint_top
+from voxjax.view.paint import _cube_stamp, paint_isometric, paint_top
 
 RED, BLUE = (255, 0, 0), (0, 0, 255)
 
@@ -90,20 +90,6 @@ def test_the_view_from_above_has_y_up_and_x_to_the_right():
     assert picture[2, 50].max() < 60  # y = 19 lies at the top
     assert picture[50, 97].max() < 60  # x = 19 lies at the right
     assert picture[97, 2].min() > 200
-
-
-def test_a_ceiling_is_cut_and_an_open_terrain_is_not():
-    room = np.zeros((30, 30, 20), bool)
-    room[:, :, [0, 19]] = room[[0, 29]] = room[:, [0, 29]] = True
-    assert ceiling_cut(room) == ceiling_height(np.argwhere(room), 20) == 14
-    terrain = np.zeros((30, 30, 20), bool)
-    terrain[:, :, 0] = terrain[15, 15, :] = True
-    assert ceiling_cut(terrain) == 20
-    assert ceiling_cut(np.zeros((3, 3, 3), bool)) == 3
-    # Of two houses on a hill the upper one is no ceiling of the lower one.
-    hill = np.zeros((2 * room.shape[0], room.shape[1], 60), bool)
-    hill[: room.shape[0], :, :20], hill[room.shape[0] :, :, 40:] = room, room
-    assert ceiling_cut(hill) == 60
 
 
 def test_a_map_from_above_is_painted_some_rows_at_a_time(monkeypatch):

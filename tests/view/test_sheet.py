@@ -83,6 +83,27 @@ def test_the_ceiling_hides_the_rooms_unless_it_is_cut():
     assert not np.array_equal(open_room, closed)
 
 
+def _leaning_house(axis, degrees):
+    """A closed house of two rooms that leans, and which of its occupied voxels are the floor."""
+    states = np.zeros((150, 120, 20), np.uint8)
+    states[:, :, [0, 1, 18, 19]] = states[[0, 1, 148, 149]] = states[:, [0, 1, 118, 119]] = states[70:72] = 2
+    T = turned(axis, degrees, (0.0, 0.0, 0.0), degrees=True)
+    house = _grid(states).transformed(T)
+    height = house.occupied_points() @ T[:3, 2]
+    return house, height - height.min() < 1.3
+
+
+@pytest.mark.parametrize(("axis", "degrees"), [("z", 20), ("x", 7), ("y", -7), ("x", -30), ("y", 40)])
+@pytest.mark.parametrize("view", ["isometric", "top"])
+def test_the_rooms_of_a_leaning_house_are_seen(axis, degrees, view):
+    house, is_floor = _leaning_house(axis, degrees)
+    color = np.where(is_floor[:, None], (255, 0, 0), (0, 0, 255)).astype(np.uint8)
+    seen = draw_grid(house, width=200, height=150, color=color, view=view).astype(int)
+    floor, rest = ((seen[..., c] - seen[..., 2 - c] > 60).sum() for c in (0, 2))
+    # The floor is most of what is drawn; from the side, walls hide a part of it.
+    assert floor > {"isometric": 0.5, "top": 0.7}[view] * (floor + rest)
+
+
 def test_grid_png_is_the_picture_of_the_grid():
     grid = _random_grid(5)
     assert grid_png(grid, width=80, height=60) == encode_png(draw_grid(grid, width=80, height=60))

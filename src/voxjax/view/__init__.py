@@ -4,9 +4,9 @@ The command line and the notebooks draw with it. Start at `draw_maps` for maps b
 what a merge has found.
 """
 
+from .ceiling import ceiling_cut as ceiling_cut
 from .page import check_page_support as check_page_support
 from .page import page_html as page_html
-from .paint import ceiling_cut as ceiling_cut
 from .png import encode_png as encode_png
 from .sheet import draw_grid as draw_grid
 from .sheet import draw_maps as draw_maps

@@ -13,8 +13,8 @@ import numpy as np
 
 from .._checks import InputError
 from .._types import Array
+from .ceiling import find_cut
 from .colors import tint_by_height
-from .paint import ceiling_height
 from .sheet import seen_by, share_colors
 
 if TYPE_CHECKING:
@@ -47,9 +47,10 @@ def page_html(grids: Sequence[VoxelGrid], poses: Sequence[Array | None], fused: 
     check_page_support()
     import viser
 
-    index = fused.occupied_index()
+    index, eye = fused.occupied_index(), (0.6, 0.6, 0.7)
     # From above, where the camera starts, a ceiling would hide all rooms.
-    is_shown = index[:, 2] < ceiling_height(index, fused.shape[2])
+    cut = find_cut(index, eye=eye)
+    is_shown = np.ones(len(index), bool) if cut is None else cut.keeps(index)
     points = fused.occupied_points()[is_shown]
     colors = share_colors(seen_by(grids, poses, fused))[is_shown]
     colors = tint_by_height(colors, index[is_shown, 2].astype(np.float64))
@@ -59,7 +60,7 @@ def page_html(grids: Sequence[VoxelGrid], poses: Sequence[Array | None], fused: 
         server = viser.ViserServer(host="127.0.0.1", port=_free_port(), verbose=False)
     try:
         server.scene.set_up_direction("+z")
-        server.initial_camera.position = tuple(np.asarray([0.6, 0.6, 0.7]) * reach)
+        server.initial_camera.position = tuple(np.asarray(eye) * reach)
         server.initial_camera.look_at = (0.0, 0.0, 0.0)
         # The camera turns about the page's origin, so the map is centred there.
         server.scene.add_point_cloud(

@@ -20,42 +20,6 @@ CELLS_AT_ONCE = 1 << 21
 """Of a view from above, pixels that are painted before they are made smaller."""
 
 
-def ceiling_cut(is_occupied: Bool[np.ndarray, "x y z"], *, share: float = 0.7) -> int:
-    """`ceiling_height` of a dense array of what is occupied."""
-    return ceiling_height(np.argwhere(is_occupied), is_occupied.shape[2], share=share)
-
-
-def ceiling_height(index: Int[np.ndarray, "n 3"], num_layers: int, *, share: float = 0.7) -> int:
-    """Height [voxel] above which a closed building is cut open; the number of layers if it has no ceiling.
-
-    A map is closed when more than a third of its occupied columns hold something above `share` of its height, and
-    something below half of that.
-
-    Args:
-        index: The occupied voxels, in lexicographic order.
-        num_layers: Number of voxels along z.
-        share: As above.
-    """
-    if not len(index):
-        return num_layers
-    layers = np.bincount(index[:, 2], minlength=num_layers)
-    filled = np.flatnonzero(layers >= 0.002 * len(index))  # single stray voxels do not count
-    low, high = (int(filled[0]), int(filled[-1]) + 1) if filled.size else (0, num_layers)
-    cut = low + max(round(share * (high - low)), 1)
-    is_high = (index[:, 2] >= cut) & (index[:, 2] < high)
-    # A ceiling has a floor far below it: a building that stands higher up than another is none.
-    is_below = index[:, 2] < low + share / 2.0 * (high - low)
-    high_and_low = _num_columns(index[is_high]) + _num_columns(index[is_below])
-    num_covered = high_and_low - _num_columns(index[is_high | is_below])
-    is_closed = num_covered > _num_columns(index) / 3
-    return cut if is_closed else num_layers
-
-
-def _num_columns(index: Int[np.ndarray, "n 3"]) -> int:
-    """How many columns hold voxels that are given in lexicographic order."""
-    return int(np.count_nonzero((np.diff(index[:, :2], axis=0) != 0).any(axis=1))) + bool(len(index))
-
-
 def paint_isometric(
     index: Int[np.ndarray, "n 3"], color: UInt8[np.ndarray, "n 3"], *, width: int, height: int
 ) -> UInt8[np.ndarray, "height width 3"]:

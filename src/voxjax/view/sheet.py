@@ -12,9 +12,10 @@ from .._runtime.memory import check_memory
 from .._types import OCCUPIED, Array
 from ..frames import image
 from ..maps.main_part import main_part
+from .ceiling import find_cut
 from .colors import SHARED_COLOR, color_by_height, map_color, tint_by_height
 from .columns import Columns, free_columns, top_columns
-from .paint import ceiling_height, paint_isometric, paint_top
+from .paint import paint_isometric, paint_top
 from .panels import Image, framed, legend, rows, stack, titled, trimmed
 from .png import encode_png
 
@@ -68,8 +69,9 @@ def _drawn(
     """`draw_grid` for a map whose `occupied_index` is known: large maps take seconds to list it."""
     _check_memory(grid, len(index))
     heights = index[:, 2].astype(np.float64)
-    cut = ceiling_height(index, grid.shape[2]) if cut_ceiling else grid.shape[2]
-    is_below = index[:, 2] < cut
+    eye = (1.0, 1.0, 1.0) if view == "isometric" else (0.0, 0.0, 1.0)
+    cut = find_cut(index, eye=eye) if cut_ceiling else None
+    is_below = np.ones(len(index), bool) if cut is None else cut.keeps(index)
     if color is None:
         shown = color_by_height(heights[is_below])
     else:
@@ -80,7 +82,9 @@ def _drawn(
         return paint_isometric(index, shown, width=width, height=height)
     columns = top_columns(index, shown)
     low, high = _shown_window(grid, columns)
-    return paint_top(columns, free_columns(grid, cut, low, high), low, width=width, height=height)
+    # Of a map that leans, free space counts up to its top.
+    top = int(cut.height) if cut is not None and cut.is_upright else grid.shape[2]
+    return paint_top(columns, free_columns(grid, top, low, high), low, width=width, height=height)
 
 
 def _shown_window(grid: VoxelGrid, columns: Columns, *, border: int = 5) -> tuple[np.ndarray, np.ndarray]:
