@@ -19,6 +19,9 @@ from bench.worlds import MapPair, pair_case
 from voxjax.io.ply import decode_ply
 from voxjax.metrics import pose_error
 
+TURNS = ("any", "upright", "cube")
+"""How maps are re-framed: turned anyhow, about their vertical axis alone, or by right angles without resampling."""
+
 
 @dataclass(frozen=True)
 class Case:
@@ -89,7 +92,13 @@ class MapFile(NamedTuple):
 
 
 def folder_cases(
-    root: Path, sources: Sequence[str], *, num_reframings: int = 0, with_half: bool = False, seed: int = 0
+    root: Path,
+    sources: Sequence[str],
+    *,
+    num_reframings: int = 0,
+    turns: str = "any",
+    with_half: bool = False,
+    seed: int = 0,
 ) -> list[Case]:
     """Pairs with a truth file below `root`, and variants of those in its folder "real".
 
@@ -98,6 +107,7 @@ def folder_cases(
         sources: Folders to take.
         num_reframings: Variants of each real pair with both maps turned and shifted at random; each truth's tolerances
             stay.
+        turns: How they are turned, one of `TURNS`.
         with_half: Whether to add each real pair at twice the voxel size; each truth's tolerances stay.
         seed: Seed of the random motions.
     """
@@ -111,7 +121,7 @@ def folder_cases(
             case = _folder_case(f"{source}/{path.parent.name}", source, truth, files)
             cases.append(case)
             if source == "real":
-                cases += [_reframed(case, files, number, seed) for number in range(num_reframings)]
+                cases += [_reframed(case, files, number, seed, turns) for number in range(num_reframings)]
                 cases += [_half(case)] * with_half
     return cases
 
@@ -147,18 +157,35 @@ def maps_folder(given: Path | None, *, is_wanted: bool = True) -> Path | None:
     return None
 
 
-def motion_about(points: np.ndarray, rng: np.random.Generator, *, max_shift: float = 15.0) -> np.ndarray:
+def motion_about(
+    points: np.ndarray,
+    rng: np.random.Generator,
+    *,
+    max_shift: float = 15.0,
+    turns: str = "any",
+    voxel_size: float = 0.0,
+) -> np.ndarray:
     """A random (4, 4) motion: a turn about the centroid of points, then a shift.
 
     Args:
         points: (n, 3) [m].
         rng: Source of the motion.
         max_shift: Largest shift along each axis [m].
+        turns: One of `TURNS`.
+        voxel_size: Turns of the cube move the centroid by whole voxels of this edge [m], so that nothing is resampled.
     """
     centroid = points.mean(axis=0, dtype=np.float64)
     T = np.eye(4)
-    T[:3, :3] = Rotation.random(rng=rng).as_matrix()
+    if turns == "cube":
+        group = Rotation.create_group("O").as_matrix()
+        T[:3, :3] = np.round(group[rng.integers(len(group))])
+    elif turns == "upright":
+        T[:3, :3] = Rotation.from_euler("z", rng.uniform(0.0, 360.0), degrees=True).as_matrix()
+    else:
+        T[:3, :3] = Rotation.random(rng=rng).as_matrix()
     T[:3, 3] = centroid + rng.uniform(-max_shift, max_shift, 3) - T[:3, :3] @ centroid
+    if turns == "cube":
+        T[:3, 3] = np.round(T[:3, 3] / voxel_size) * voxel_size
     return T
 
 
@@ -205,19 +232,25 @@ def _folder_case(name: str, source: str, truth: dict, files: list[MapFile]) -> C
     )
 
 
-def _reframed(case: Case, files: list[MapFile], number: int, seed: int) -> Case:
+def _reframed(case: Case, files: list[MapFile], number: int, seed: int, turns: str) -> Case:
     def load() -> MapPair:
         pair = case.load()
         # The name tells the cases apart whatever others are run with them.
         rng = np.random.default_rng([seed, number, zlib.crc32(case.name.encode())])
-        moves = [motion_about(grid.occupied_points(), rng) for grid in (pair.a, pair.b)]
-        a, b = (file.read(move) for file, move in zip(files, moves, strict=True))
+        moves = [
+            motion_about(grid.occupied_points(), rng, turns=turns, voxel_size=grid.voxel_size)
+            for grid in (pair.a, pair.b)
+        ]
+        if turns == "cube":  # points on the faces of voxels would change sides
+            a, b = (grid.transformed(move) for grid, move in zip((pair.a, pair.b), moves, strict=True))
+        else:
+            a, b = (file.read(move) for file, move in zip(files, moves, strict=True))
         T_a_b = None if pair.T_a_b is None else moved_truth(pair.T_a_b, *moves)
         return MapPair(a, b, T_a_b, pair.overlap)
 
-    return replace(
-        case, name=f"{case.name}~frame_{seed}_{number}", source="re-framed", rotation="so3", load=load
-    )
+    name = f"{case.name}~{'frame' if turns == 'any' else turns}_{seed}_{number}"
+    rotation = case.rotation if turns == "upright" else "so3"
+    return replace(case, name=name, source="re-framed", rotation=rotation, load=load)
 
 
 def _half(case: Case) -> Case:

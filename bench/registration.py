@@ -6,8 +6,9 @@
 A pose is right when its rotation is within 3 degrees and map b's centroid within 0.4 m or 3 voxels of the truth; for
 real maps, within the tolerances of their truth files, also when they are re-framed or coarsened. Re-framed are both
 maps of a pair, each turned anyhow and shifted: measured points are moved and put into voxels anew, maps that hold free
-space are resampled, to the nearest voxel. A second table has these pairs one by one. Methods take turns
-pair by pair, so that slow spells of the machine hit all alike. The JSON file is written after every pair.
+space are resampled, to the nearest voxel. `--turns upright` keeps their vertical axes, `--turns cube` turns by right
+angles and shifts by whole voxels, so that only the frames differ. A second table has these pairs one by one. Methods
+take turns pair by pair, so that slow spells of the machine hit all alike. The JSON file is written after every pair.
 """
 
 import argparse
@@ -25,7 +26,7 @@ import jax
 import numpy as np
 
 import voxjax as vx
-from bench.cases import Case, folder_cases, generated_cases, maps_folder
+from bench.cases import TURNS, Case, folder_cases, generated_cases, maps_folder
 from bench.peers import Peer, load_peers, run_peer
 from bench.plots import draw_plots, prepare_plots
 from bench.reports import names_in, write_json
@@ -72,6 +73,9 @@ def _parse(argv: list[str]) -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=1000, help="of the generated pairs and re-framings")
     parser.add_argument(
         "--reframings", type=int, default=0, help="variants of each real pair, turned and shifted"
+    )
+    parser.add_argument(
+        "--turns", choices=TURNS, default="any", help="of the variants: anyhow, upright, by right angles"
     )
     parser.add_argument("--half", action="store_true", help="also each real pair at twice the voxel size")
     parser.add_argument("--warm", action="store_true", help="call each method once before the timed call")
@@ -136,7 +140,12 @@ def _cases(args: argparse.Namespace) -> list[Case]:
     root = maps_folder(args.maps, is_wanted=bool(sources))
     if root is not None:
         cases = folder_cases(
-            root, sources, num_reframings=args.reframings, with_half=args.half, seed=args.seed
+            root,
+            sources,
+            num_reframings=args.reframings,
+            turns=args.turns,
+            with_half=args.half,
+            seed=args.seed,
         )
     cases += generated_cases(args.generated, args.seed)
     cases = [case for case in cases if not args.case or any(part in case.name for part in args.case)]

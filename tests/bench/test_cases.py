@@ -81,6 +81,24 @@ def test_variants_of_a_cloud_keep_truth_and_tolerances(cloud_folder):
         assert distance.max() <= np.sqrt(3) * pair.a.voxel_size + 1e-5
 
 
+def test_turns_by_right_angles_keep_every_voxel_and_upright_ones_the_vertical(cloud_folder):
+    case = folder_cases(cloud_folder, ["real"])[0].load()
+    (cube,) = folder_cases(cloud_folder, ["real"], num_reframings=1, turns="cube", seed=5)[1:]
+    assert cube.name.endswith("~cube_5_0")
+    pair = cube.load()
+    assert (pair.a.num_occupied, pair.b.num_occupied) == (case.a.num_occupied, case.b.num_occupied)
+    moved = apply(pair.T_a_b, pair.b.occupied_points())
+    assert np.linalg.norm(moved[:, None] - pair.a.occupied_points()[None], axis=-1).min(axis=1).max() < 0.18
+    points = np.random.default_rng(1).uniform(0, 10, (50, 3))
+    T = motion_about(points, np.random.default_rng(2), turns="cube", voxel_size=0.25)
+    np.testing.assert_array_equal(np.sort(np.abs(T[:3, :3]), axis=1), [[0, 0, 1]] * 3)
+    assert np.linalg.det(T[:3, :3]) == pytest.approx(1.0)
+    np.testing.assert_allclose(T[:3, 3] / 0.25, np.round(T[:3, 3] / 0.25))
+    T = motion_about(points, np.random.default_rng(2), turns="upright")
+    np.testing.assert_allclose(T[2, :3], [0, 0, 1])
+    assert abs(T[0, 1]) > 0.01
+
+
 def test_a_reframing_is_the_same_whenever_it_is_made(cloud_folder):
     case = folder_cases(cloud_folder, ["real"], num_reframings=2, seed=5)[2]
     np.testing.assert_array_equal(case.load().T_a_b, case.load().T_a_b)
