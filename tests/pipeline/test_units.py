@@ -27,6 +27,11 @@ def test_a_map_in_another_unit_is_named_before_it_makes_the_other_one_vanish(map
     assert found.verdict == "ambiguous"
     assert found.result == RESULTS.scaled
     assert words in found.reason
+    assert found.reason == (
+        f"Map b seems to be {factor:,.4g} times too large, as in another unit of length: with its lengths times "
+        f"{1 / factor:.4g} it lies in map a with a score of {found.stats['scale']['scaled_score']:.2f}; give it with "
+        "that scale (convert --scale, read_map(scale=))."
+    )
     assert found.stats["scale"]["scale"] * factor == pytest.approx(1.0, abs=0.02)
     assert found.confidence == 0.0
 

@@ -77,5 +77,17 @@ def test_the_reason_of_a_mirrored_map_has_the_figures_that_decided():
     # At most one of both poses is right.
     assert found.confidence == pytest.approx(1.0 - ACCEPTED.confidence)
     assert found.none == ACCEPTED.none
-    for figure in ("mirrored", "0.60", "0.36", "0.5 %", "6.2 %"):
-        assert figure in found.reason
+    assert found.reason == (
+        "Map b seems to be mirrored: its mirror image lies in map a with a strength of 0.60 and 0.5 % of what meets in "
+        "conflict, as it is with 0.36 and 6.2 %; flip one axis of one of the maps."
+    )
+
+
+def test_the_reason_of_a_mirrored_cloud_has_the_strengths_and_no_scores():
+    given, image = (leaders(hits, 0.0, has_free_space=False) for hits in (0.6, 0.55))
+    # More of the map as it is comes near something, but hardly any of it lies on planes.
+    given = given._replace(judgement=given.judgement._replace(exact=np.full(1, 0.05)))
+    assert is_better(NOTHING, given, image, ACCEPTED, CAUSE, is_clear=False)
+    reason = mirrored_finding(NOTHING, given, image, ACCEPTED).reason
+    assert "a strength of 0.30 " in reason
+    assert "as it is with 0.03 " in reason

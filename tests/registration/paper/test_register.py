@@ -101,7 +101,7 @@ def test_maps_without_corners_or_voxels_are_outcomes():
         assert found.result == result
         assert found.verdict == "no_overlap"
         assert found.confidence == 0.0
-        assert found.reason
+        assert found.reason == vx.RESULTS[result] != ""
         assert set(found.stats) >= {"num_corners_a", "num_associations", "clique_size", "seconds"}
         np.testing.assert_array_equal(found.T_a_b, np.eye(4))
         assert np.isinf(np.asarray(found.covariance)).all()

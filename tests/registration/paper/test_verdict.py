@@ -1,5 +1,7 @@
 """The plain rule by which the paper's poses are accepted."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -52,3 +54,31 @@ def test_conflicts_count_by_their_weight(grid):
     ]
     assert scores[0].score > 0.0 > scores[1].score
     assert scores[0].evidence.num_hits == scores[1].evidence.num_hits
+
+
+@pytest.mark.parametrize(
+    ("counts", "size", "expected"),
+    [
+        (
+            [900, 100],
+            12,
+            r"The largest scheme is supported: 12 corners match and the evidence of all voxels is 1\.00\.",
+        ),
+        (
+            [900, 100],
+            5,
+            r"Too little speaks for the best pose: 5 corners match and the evidence of all voxels is 1\.00 "
+            r"\(\d+ and 0\.\d+ are needed\)\.",
+        ),
+        (
+            [900, 810],
+            12,
+            r"Another scheme of equal size fuses 90 % as many voxels: 12 corners match and the evidence of all voxels "
+            r"is 1\.00\.",
+        ),
+    ],
+)
+def test_reasons_have_the_figures_that_decided(grid, counts, size, expected):
+    poses = np.stack([pose(), pose(yaw=90.0)]).astype(np.float32)
+    options = {"size": size, "settings": SETTINGS, "conflict_weight": 6.0}
+    assert re.fullmatch(expected, judge_schemes(grid, grid, poses, np.asarray(counts), **options).reason)

@@ -91,9 +91,10 @@ def mirrored_finding(finding: Finding, given: Leaders, mirrored: Leaders, found:
         found: The verdict on the first of these.
     """
     reason = (
-        f"Map b seems to be mirrored: its mirror image lies in map a with a score of {best_score(mirrored):.2f} and "
-        f"{100 * conflict_share(mirrored.judgement):.1f} % of what meets in conflict, as it is with "
-        f"{best_score(given):.2f} and {100 * conflict_share(given.judgement):.1f} %; flip one axis of one of the maps."
+        "Map b seems to be mirrored: its mirror image lies in map a with a strength of "
+        f"{best_strength(mirrored):.2f} and {100 * conflict_share(mirrored.judgement):.1f} % of what meets in "
+        f"conflict, as it is with {best_strength(given):.2f} and {100 * conflict_share(given.judgement):.1f} %; flip "
+        "one axis of one of the maps."
     )
     # At most one of both is right.
     confidence = min(finding.confidence, 1.0 - found.confidence)

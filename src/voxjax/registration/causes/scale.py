@@ -19,7 +19,7 @@ from ..judging.judgement import judge_poses
 from ..judging.leaders import Leaders
 from ..judging.settings import LeaderConfig
 from ..judging.verdict import Finding
-from .handedness import best_score, conflict_share
+from .handedness import best_strength, conflict_share
 from .settings import CauseConfig
 from .similarity import Samples, Similarity, Start, align_similarity
 
@@ -151,9 +151,9 @@ def scaled_finding(
     size = 1.0 / similarity.scale - 1.0
     reason = (
         f"Map b seems to be {'larger' if size > 0 else 'smaller'} by {100 * abs(size):.1f} %: with its lengths times "
-        f"{similarity.scale:.4f} it lies in map a with a score of {best_score(scaled):.2f} and "
+        f"{similarity.scale:.4f} it lies in map a with a strength of {best_strength(scaled):.2f} and "
         f"{100 * conflict_share(scaled.judgement):.1f} % of what meets in conflict, as it is with "
-        f"{best_score(given):.2f} and {100 * conflict_share(given.judgement):.1f} %; bring both maps to metres "
+        f"{best_strength(given):.2f} and {100 * conflict_share(given.judgement):.1f} %; bring both maps to metres "
         "(voxjax convert --scale, VoxelGrid.placed)."
     )
     # At most one of both is right.

@@ -165,25 +165,30 @@ def decide(
         allow_changes: Whether a pose is accepted although things were moved between the maps.
     """
     if len(judgement.hits) == 0:
-        return Finding(
-            "no_overlap", 0.0, "No source proposed a pose: the maps have too little structure.", 1.0
+        help_ = _help(judgement)
+        reason = (
+            f"No source proposed a pose: the maps have too little structure; what would help are {help_}."
         )
+        return Finding("no_overlap", 0.0, reason, 1.0)
     standing = standing_of(judgement, chance, settings)
     shares = probabilities(judgement, chance, settings, allow_changes=allow_changes)
     none, confidence = float(shares[0]), float(shares[1])
-    conflict = float(judgement.conflicts[0] / max(judgement.hits[0] + judgement.conflicts[0], 1e-9))
-    shown = _shown(judgement, conflict, is_inferred=is_inferred)
+    shown = _shown(judgement, is_inferred=is_inferred)
     # No overlap is the answer where nothing stands out of chance, whatever contradicts it.
     if standing is None or _odds(judgement, standing, settings, allow_changes=True) < 0.0:
-        return Finding("no_overlap", confidence, _why_nothing(judgement, chance, shown), none, standing)
-    doubt = _doubt(judgement, conflict, settings, allow_changes=allow_changes)
-    if doubt is not None:
-        return Finding("ambiguous", min(confidence, 0.5), f"{doubt}: {shown}.", none, standing)
+        reason = _why_nothing(judgement, standing, settings, shown)
+        return Finding("no_overlap", confidence, reason, none, standing)
     needed = settings.min_confidence
     if rivals(judgement, settings.min_rival_share)[1:].any() and judgement.has_free_space:
         needed = settings.min_confidence_beside_rivals
+    # What would be found if things may have been moved, which reasons promise only where it holds.
+    is_allowed_enough = bool(probabilities(judgement, chance, settings, allow_changes=True)[1] >= needed)
+    doubt = _doubt(judgement, settings, allow_changes=allow_changes, is_allowed_enough=is_allowed_enough)
+    if doubt is not None:
+        return Finding("ambiguous", min(confidence, 0.5), f"{doubt}: {shown}.", none, standing)
     if confidence < needed:
-        return Finding("ambiguous", confidence, _why_unsure(judgement, shares, shown), none, standing)
+        reason = _why_unsure(judgement, shares, needed, shown, is_allowed_enough=is_allowed_enough)
+        return Finding("ambiguous", confidence, reason, none, standing)
     times = float(judgement.strength()[0]) / chance
     reason = (
         f"One pose stands out, {times:.1f} times as strong as chance: {shown}; probability {confidence:.3f}."
@@ -191,21 +196,33 @@ def decide(
     return Finding("accepted", confidence, reason, none, standing)
 
 
+def _conflict(judgement: Judgement) -> float:
+    """Share of what meets that conflicts under the first pose."""
+    return float(judgement.conflicts[0] / max(judgement.hits[0] + judgement.conflicts[0], 1e-9))
+
+
 def _doubt(
-    judgement: Judgement, conflict: float, settings: VerdictConfig, *, allow_changes: bool
+    judgement: Judgement, settings: VerdictConfig, *, allow_changes: bool, is_allowed_enough: bool
 ) -> str | None:
     """What no probability makes up for, if the first pose has that.
 
     Args:
         judgement: Evidence of the leaders.
-        conflict: Share of what meets that conflicts under the first pose.
         settings: How much of each is too much.
         allow_changes: Whether things may have been moved between the maps.
+        is_allowed_enough: Whether the pose would be probable enough if they may.
     """
-    if conflict > settings.max_conflict:
-        return "Occupied and free space contradict each other too often"
+    if _conflict(judgement) > settings.max_conflict:
+        return (
+            "Occupied and free space contradict each other too often, in more than "
+            f"{100 * settings.max_conflict:g} % of what meets, as where maps drift or most things were moved; what "
+            "would help are maps that drift less, or of one day"
+        )
     if support(judgement)[0] < settings.min_support:
-        return "The best pose can slide along a direction that no surface fixes"
+        return (
+            "The best pose can slide along a direction that no surface fixes; what would help are maps that show "
+            "something across it, as the end of a corridor"
+        )
     # Among equal rooms the cleanest pose may still be a false one, where the true one is not among the leaders.
     is_contested = bool(rivals(judgement, settings.min_rival_share)[1:].any())
     changed, area = float(judgement.changed[0]), float(judgement.moved[0])
@@ -213,16 +230,18 @@ def _doubt(
     is_clean = is_contested and judgement.pieces[0] <= settings.max_pieces * judgement.shared[0]
     if allow_changes or changed <= most or is_clean:
         return None
+    accepts = "accepts" if is_allowed_enough else "alone would not accept"
     return (
         f"Walls agree, but things of together {area:.1f} m2 stand in free space of the other map, "
         f"{100 * changed:.1f} % of what is no wall, floor or ceiling, as in another storey of one plan, in a place "
-        "that repeats, or where things were moved, which allow_changes (--allow-changes) accepts"
+        f"that repeats, or where things were moved, which allow_changes (--allow-changes) {accepts}"
     )
 
 
-def _shown(judgement: Judgement, conflict: float, *, is_inferred: bool) -> str:
+def _shown(judgement: Judgement, *, is_inferred: bool) -> str:
     """What speaks for the first pose and against it, and where the free space is from."""
-    shown = f"{100 * judgement.hits[0]:.0f} % of the surfaces agree, {100 * conflict:.1f} % of what meets conflicts"
+    agree, conflict = 100 * judgement.hits[0], 100 * _conflict(judgement)
+    shown = f"{agree:.0f} % of the surfaces agree, {conflict:.1f} % of what meets conflicts"
     if not judgement.has_free_space:
         return f"{shown}, free space unknown"
     return f"{shown}, free space inferred from what encloses it" if is_inferred else shown
@@ -234,26 +253,46 @@ def _help(judgement: Judgement) -> str:
     return more if judgement.has_free_space else f"sensor origins, which tell free space, or {more}"
 
 
-def _why_nothing(judgement: Judgement, chance: float, shown: str) -> str:
+def _why_nothing(judgement: Judgement, standing: Standing | None, settings: VerdictConfig, shown: str) -> str:
     """Why no pose is believed."""
-    times = max(float(judgement.strength()[0]) / chance, 0.0)
+    # Where conflicts outweigh what agrees, a pose has no strength, and is no multiple of chance.
+    if standing is None:
+        return (
+            f"No pose stands out: conflicts outweigh what agrees under each of them ({shown} under the best); "
+            f"what would help are {_help(judgement)}."
+        )
+    # The first pose is the cleanest of the strong ones, not always the strongest, by which all of them are judged.
+    times = standing.strength / standing.chance
+    weight = WITH_FREE_SPACE if judgement.has_free_space else WITHOUT_FREE_SPACE
+    odds = _odds(judgement, standing, settings, allow_changes=True)
+    needed = times * np.exp(-odds / (weight.strength + weight.contrast))
+    alike = "" if standing.num_rivals == 1 else f" beside {standing.num_rivals - 1} alike"
     return (
-        f"No pose stands out: the best is {times:.1f} times as strong as what chance gives in these maps ({shown}); "
+        f"No pose stands out: the strongest is {times:.1f} times as strong as what chance gives in these maps, where "
+        f"more than {needed:.1f} times would be needed{alike} (the best: {shown}); "
         f"what would help are {_help(judgement)}."
     )
 
 
-def _why_unsure(judgement: Judgement, shares: np.ndarray, shown: str) -> str:
-    """Whether another pose or chance is the likeliest way in which the first pose could be wrong."""
+def _why_unsure(
+    judgement: Judgement, shares: np.ndarray, needed: float, shown: str, *, is_allowed_enough: bool
+) -> str:
+    """Whether another pose, what contradicts, or chance is the likeliest way in which the first pose could be wrong."""
     none, confidence = shares[0], shares[1]
     rival = shares[2:].max(initial=0.0)
+    more = f"{shown}; what would help are {_help(judgement)}"
     if rival > none:
         return (
-            "Another pose explains the maps almost as well "
-            f"(probability {rival:.2f}, against {confidence:.2f} of the best): {shown}; "
-            f"what would help are {_help(judgement)}."
+            f"Another pose explains the maps almost as well (probability {rival:.2f}, against {confidence:.2f} of the "
+            f"best, which would need {needed:.2f}): {more}."
+        )
+    if is_allowed_enough:
+        return (
+            f"The best pose stands out of chance, but things of together {judgement.moved[0]:.1f} m2 stand in free "
+            f"space of the other map (probability {confidence:.2f}, of {needed:.2f} needed): {shown}; if they were "
+            "moved, allow_changes (--allow-changes) accepts it."
         )
     return (
-        f"The best pose stands out of chance, but not by enough (probability {confidence:.2f}): {shown}; "
-        f"what would help are {_help(judgement)}."
+        f"The best pose stands out of chance, but not by enough (probability {confidence:.2f}, of {needed:.2f} "
+        f"needed): {more}."
     )
