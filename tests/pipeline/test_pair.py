@@ -71,6 +71,17 @@ def test_stats_name_what_was_tried(registration):
     assert set(stats["seconds"]) >= {"features", "exhaustive search", "leaders", "verdict"}
 
 
+def test_chance_is_read_off_the_strengths_of_what_was_tried(registration):
+    strengths, standing = np.asarray(registration.stats["tried_strengths"]), registration.stats["verdict"]
+    assert len(strengths) > 50
+    # The floor is that of the settings, for a pair in which nothing else has any strength.
+    is_chance = strengths < 0.7 * standing["strength"]
+    assert standing["chance"] >= strengths[is_chance].min()
+    assert np.isclose(strengths, standing["chance"]).any() or standing["chance"] in [
+        h.score for h in registration.hypotheses
+    ]
+
+
 def test_thorough_asks_all_sources(maps, registration):
     found = vx.register(maps[0], maps[1], config={"source": {"thorough": True}})
     stats = found.stats
@@ -208,6 +219,10 @@ def test_maps_that_hold_no_pose_are_an_outcome(case, preset):
     found = vx.register(grid_of(states), grid_of(states), preset=preset)
     assert not found.accepted
     assert found.reason
+    if case == "empty" and preset == "default":
+        assert found.reason == "Map a has no occupied voxel."
+        other = vx.register(grid_of(np.full_like(states, 2)), grid_of(states))
+        assert other.reason == "Map b has no occupied voxel."
 
 
 def test_bad_arguments_are_refused(maps):

@@ -81,7 +81,13 @@ def registration_of(
         hypotheses=hypotheses,
         reason=finding.reason,
         result=result[finding.verdict],
-        stats={"num_associations": 0, "clique_size": 0, "source": leaders.sources[0]} | stats,
+        stats={
+            "num_associations": 0,
+            "clique_size": 0,
+            "source": leaders.sources[0],
+            "tried_strengths": leaders.tried.strengths.tolist(),
+        }
+        | stats,
     )
 
 

@@ -80,9 +80,10 @@ class Registration(eqx.Module):
             were compared [m] and "voxel_size_reason"; "scale" (what the lengths of map b would have to be multiplied
             by, and the standard error of its logarithm) and, where something spoke against the pose, "handedness"
             (scores of map b and of its mirror image); "verdict" (strength of the best pose, what chance reaches, what
-            contradicts it, and how many poses rival it, `registration/judging/verdict.py`); "contradictions" where
-            both maps know free space: things of one map that stand in free space of the other, as {"occupied_in": "a"
-            or "b", "area" [m^2], "low" and "high" corner of the box around it in frame a [m]}; "num_corners_a" and
+            contradicts it, and how many poses rival it, `registration/judging/verdict.py`); "tried_strengths" (of all
+            poses that the leaders were chosen from, from which chance is read off); "contradictions" where both maps
+            know free space: things of one map that stand in free space of the other, as {"occupied_in": "a" or "b",
+            "area" [m^2], "low" and "high" corner of the box around it in frame a [m]}; "num_corners_a" and
             "num_corners_b" only where corners were looked for, that is where the first round of hypotheses did not
             decide.
     """
