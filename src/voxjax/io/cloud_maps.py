@@ -45,15 +45,15 @@ class ReadOptions(NamedTuple):
         looks: Whether to look for all that may be wrong, beside what has to be said anyway.
     """
 
-    voxel_size: float | None
-    crop: object
-    drop_isolated: bool
-    strict: bool
-    sensor_origins: object
-    max_range: float | None
-    max_voxels: int | None
-    placement: Placement | None
-    looks: bool
+    voxel_size: float | None = None
+    crop: object = None
+    drop_isolated: bool = False
+    strict: bool = False
+    sensor_origins: object = None
+    max_range: float | None = None
+    max_voxels: int | None = None
+    placement: Placement | None = None
+    looks: bool = False
 
 
 def cloud_map(data: bytes, options: ReadOptions) -> tuple[VoxelGrid, list[Remark]]:

@@ -105,15 +105,14 @@ def read_map(
             lost because its coordinates, far from zero, are of single precision.
     """
     options = ReadOptions(
-        voxel_size,
-        crop,
-        drop_isolated,
-        strict,
-        sensor_origins,
-        max_range,
-        max_voxels,
-        check_placement(scale, shift),
-        looks=False,
+        voxel_size=voxel_size,
+        crop=crop,
+        drop_isolated=drop_isolated,
+        strict=strict,
+        sensor_origins=sensor_origins,
+        max_range=max_range,
+        max_voxels=max_voxels,
+        placement=check_placement(scale, shift),
     )
     path = _as_path(path)
     grid, remarks = _load(path, options)
@@ -157,14 +156,14 @@ def load_map(
         InputError: As in `read_map`.
     """
     options = ReadOptions(
-        voxel_size,
-        crop,
-        drop_isolated,
-        strict,
-        sensor_origins,
-        max_range,
-        max_voxels,
-        check_placement(scale, shift),
+        voxel_size=voxel_size,
+        crop=crop,
+        drop_isolated=drop_isolated,
+        strict=strict,
+        sensor_origins=sensor_origins,
+        max_range=max_range,
+        max_voxels=max_voxels,
+        placement=check_placement(scale, shift),
         looks=True,
     )
     grid, remarks = _load(_as_path(path), options)
@@ -193,7 +192,7 @@ def describe_map(
     """
     path = _as_path(path)
     ending = _ending(path)
-    options = ReadOptions(voxel_size, crop, drop_isolated, strict, None, None, None, None, looks=True)
+    options = ReadOptions(voxel_size, crop, drop_isolated, strict, looks=True)
     if ending not in TREE_ENDINGS or voxel_size is not None:
         grid, remarks = _load(path, options)
         facts, memory = facts_of_grid(grid), memory_of_grid(grid)
