@@ -13,7 +13,7 @@ maps. `--clouds` takes all free space from the maps.
 `--families N` takes N pairs of each role of each family of places instead, with free space and without
 (`bench/family_rows.py`), and prints its tables by family beside what was asked: 92 pairs without a true pose and 60
 with one for each of the N. `--families 18 --role negatives` are 1,656 pairs, 1,500 and more of them no nearer to a true
-pose than by 5 % of size. A pair takes 4 to 11 s, on two cores. Their diagram has a panel for each family.
+pose than by 5 % of size. Their diagram has a panel for each family.
 
 Each row is written to --out at once. A run that was stopped goes on with the same command; processes that share the
 work by `--part 1/2` and `--part 2/2` write files of their own, and `--rows` prints the tables of several files at once
@@ -21,6 +21,8 @@ and runs nothing. After a change of the code give another --out: rows that are t
 
 `--peers kiss-matcher` asks other systems about the same pairs of families, also those whose rows are there: what each
 calls valid, what it has right, and its seconds stand beside voxjax. Their voxels are 2.5 of the maps', at most 0.3 m.
+
+Takes about 4 to 11 s for each pair of `--families`, on two cores.
 """
 
 import argparse

@@ -9,6 +9,8 @@ maps of a pair, each turned anyhow and shifted: measured points are moved and pu
 space are resampled, to the nearest voxel. `--turns upright` keeps their vertical axes, `--turns cube` turns by right
 angles and shifts by whole voxels, so that only the frames differ. A second table has these pairs one by one. Methods
 take turns pair by pair, so that slow spells of the machine hit all alike. The JSON file is written after every pair.
+
+Takes about 20 minutes for all variants of seventeen real pairs, on two cores.
 """
 
 import argparse
