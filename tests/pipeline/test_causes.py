@@ -9,6 +9,7 @@ import voxjax as vx
 from small_worlds import FURNITURE, OTHER_FURNITURE, OTHER_ROOMS, draw_map, pose
 from voxjax._results import RESULTS
 from voxjax.maps.mirrored import mirrored_grid
+from voxjax.registration.causes.similarity import Similarity
 
 T_MAP_WORLD = pose(yaw=-71.0, tilt=25.0, translation=(-4.0, 2.5, 0.7))
 FIRST_ROUND = {"source": {"corners": False, "subgraph": False, "descriptors": False}}
@@ -94,3 +95,14 @@ def test_a_right_pose_with_contradictions_stays_accepted(maps):
     assert found.accepted
     assert "handedness" in found.stats
     assert "scale" in found.stats
+
+
+def test_an_accepted_pose_is_ambiguous_where_another_scale_explains_as_much(maps, monkeypatch):
+    near = Similarity(0.95, np.eye(4, dtype=np.float32), 0.02, 0.5)
+    for score, expected in ((1.0, "ambiguous"), (-1.0, "accepted")):
+        # A small room seen by few voxels, whose scale its error leaves open.
+        monkeypatch.setattr("voxjax.pipeline.causes._similarity_of", lambda *_, best=(near, score): best)
+        found = register(*maps)
+        assert found.verdict == expected
+        assert ("Map b may be larger by 5.3 % (standard error 2.0 %)" in found.reason) == (score > 0.0)
+        assert found.stats["scale"] == {"scale": 0.95, "log_error": 0.02}

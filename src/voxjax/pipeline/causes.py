@@ -15,7 +15,13 @@ from ..registration.causes.handedness import (
     is_questionable,
     mirrored_finding,
 )
-from ..registration.causes.scale import best_similarity, is_other_scale, scaled_finding
+from ..registration.causes.scale import (
+    best_similarity,
+    doubted_scale_finding,
+    is_other_scale,
+    may_be_other_scale,
+    scaled_finding,
+)
 from ..registration.causes.similarity import Similarity, Start
 from ..registration.hypotheses.changed_features import mirrored_features, scaled_features
 from ..registration.hypotheses.map_features import MapFeatures
@@ -32,13 +38,12 @@ from .wide import coarser_features, finer_factors, leaders_through_copies
 
 Decide = Callable[[MapFeatures, Leaders], Finding]
 
-LEAST_SHARE = 0.8
-"""A changed map b that scores less than this share of map b as it is once it is roughly aligned explains no more: the
-last alignment gains less than a fifth."""
+LEAST_SHARE = 0.9
+"""A changed map b that scores less than this share of map b as it is once it is roughly aligned explains no more: on
+generated places and simulated buildings, the last alignment gained 4 % at most."""
 
 HOPELESS = 0.9
-"""Neither does one of which no roughly aligned pose is right with this probability, as a fifth makes no likely one of
-it."""
+"""Neither does one of which no roughly aligned pose is right with this probability: no such gain makes it likely."""
 
 
 class Explained(NamedTuple):
@@ -91,17 +96,35 @@ def explain(pair: Questioned, *, decide: Decide, settings: Config, stages: Stage
         is_scaled = finding.verdict != "accepted" or (near is not None and is_other_scale(near[0], cause))
         stats = {"scale": _figures(near)}
         if not (is_contradicted or is_scaled):
-            return Explained(finding, None, stats)
+            return Explained(_with_doubts(pair, near, settings), None, stats)
         stages.announce("causes")
         if is_contradicted:
             mirrored = _mirrored(pair, decide, settings, stages)
             if mirrored.result is not None:
                 return mirrored
             stats |= mirrored.stats
-        if not is_scaled:
-            return Explained(finding, None, stats)
-        scaled = _scaled(pair, decide, settings, stages)
+        scaled = Explained(finding, None, {})
+        if is_scaled:
+            scaled = _scaled(pair, decide, settings, stages)
+        if scaled.result is None:
+            scaled = scaled._replace(finding=_with_doubts(pair, near, settings))
         return scaled._replace(stats=stats | scaled.stats)
+
+
+def _with_doubts(pair: Questioned, near: tuple[Similarity, float] | None, settings: Config) -> Finding:
+    """The verdict; ambiguous where a scale that is probably not 1 explains an accepted pose as well.
+
+    Args:
+        pair: The maps, and what is said of them.
+        near: The scale at the first pose, and how well it explains the maps.
+        settings: Settings of the stages.
+    """
+    finding = pair.finding
+    if finding.verdict != "accepted" or near is None or not may_be_other_scale(near[0], settings.cause):
+        return finding
+    # Judged by the same voxels as the similarity.
+    given = _roughly_judged(pair.a, pair.b, pair.leaders.poses[:1], settings)
+    return finding if near[1] <= best_score(given) else doubted_scale_finding(finding, near[0])
 
 
 def _mirrored(pair: Questioned, decide: Decide, settings: Config, stages: Stages) -> Explained:

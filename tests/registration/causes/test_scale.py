@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from hand_made_leaders import ACCEPTED, leaders
-from voxjax.registration.causes.scale import best_similarity, is_other_scale, scaled_finding
+from voxjax.registration.causes.scale import (
+    best_similarity,
+    doubted_scale_finding,
+    is_other_scale,
+    may_be_other_scale,
+    scaled_finding,
+)
 from voxjax.registration.causes.settings import CauseConfig
 from voxjax.registration.causes.similarity import Similarity, Start
 from voxjax.registration.hypotheses.changed_features import scaled_features
@@ -67,4 +73,25 @@ def test_the_reason_says_by_how_much_map_b_is_too_large(scale, words):
         f"Map b seems to be {words}: with its lengths times {scale:.4f} it lies in map a with a strength of 0.60 and "
         "0.5 % of what meets in conflict, as it is with -0.04 and 16.7 %; bring both maps to metres (voxjax convert "
         "--scale, VoxelGrid.placed)."
+    )
+
+
+@pytest.mark.parametrize(
+    ("scale", "log_error", "expected"),
+    [(1.05, 0.02, True), (0.95, 0.02, True), (1.05, 0.03, False), (1.008, 0.001, False), (0.5, 0.01, False)],
+)
+def test_a_scale_is_doubted_before_it_is_named(scale, log_error, expected):
+    assert may_be_other_scale(similarity(scale, log_error), CAUSE) == expected
+    assert not is_other_scale(similarity(scale, log_error), CAUSE)
+
+
+@pytest.mark.parametrize(("scale", "words"), [(0.95, "larger by 5.3 %"), (1.06, "smaller by 5.7 %")])
+def test_the_reason_of_a_doubt_gives_the_scale_with_its_error(scale, words):
+    found = doubted_scale_finding(ACCEPTED, similarity(scale, 0.02))
+    assert found.verdict == "ambiguous"
+    assert found.confidence == 0.5
+    assert found.reason == (
+        f"Map b may be {words} (standard error 2.0 %), which explains the maps as well as the scale that it has: bring "
+        "both maps to metres (voxjax convert --scale, VoxelGrid.placed), or give larger maps, which show the scale "
+        "better."
     )

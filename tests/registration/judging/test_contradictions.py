@@ -69,3 +69,10 @@ def test_boxes_are_in_the_frame_of_map_a(pair, moved):
     a = dataclasses.replace(pair[0], origin=far)
     near, away = (find_contradictions(each, moved, IDENTITY).pieces[0] for each in (pair[0], a))
     np.testing.assert_allclose(np.subtract(away.low, near.low), far - pair[0].origin)
+
+
+def test_a_pose_is_looked_at_once(pair, moved):
+    found = find_contradictions(pair[0], moved, IDENTITY)
+    assert find_contradictions(pair[0], moved, IDENTITY) is found
+    strict = dataclasses.replace(BOUNDS, min_piece_voxels=10_000)
+    assert not find_contradictions(pair[0], moved, IDENTITY, strict).pieces

@@ -56,17 +56,3 @@ def test_without_free_space_nobody_looks(pair):
     judged = judge_poses(a.prepared, b.prepared, poses, num_points=256)._replace(has_free_space=False)
     ranked = weigh_rivals(a, b, Leaders(poses, judged, ("guess",), Tried(poses, judged.strength())), BOUNDS)
     np.testing.assert_array_equal(ranked.judgement.shared, 0.0)
-
-
-def test_what_was_found_of_a_pose_is_not_looked_for_again(pair, monkeypatch):
-    a, b, truth = pair
-    poses = truth[None].astype(np.float32)
-    judged = judge_poses(a.prepared, b.prepared, poses, num_points=None)
-    once = weigh_rivals(a, b, Leaders(poses, judged, ("guess",), Tried(poses, judged.strength())), BOUNDS)
-
-    def fail(*_, **__):
-        raise AssertionError("nothing is new")
-
-    monkeypatch.setattr("voxjax.registration.judging.rivals.find_contradictions", fail)
-    again = weigh_rivals(a, b, once, BOUNDS)
-    np.testing.assert_array_equal(again.judgement.shared, once.judgement.shared)

@@ -130,8 +130,22 @@ def is_other_scale(found: Similarity, settings: CauseConfig, *, is_clear: bool =
         settings: How much is more.
         is_clear: Ask for more of its own errors.
     """
+    return _is_away(found, settings.num_clear_errors if is_clear else settings.num_errors, settings)
+
+
+def may_be_other_scale(found: Similarity, settings: CauseConfig) -> bool:
+    """Whether a scale differs from 1 by so much that nobody can rely on a pose of the map as it is.
+
+    Args:
+        found: The similarity.
+        settings: How much that is.
+    """
+    return _is_away(found, settings.num_doubted_errors, settings)
+
+
+def _is_away(found: Similarity, num_errors: float, settings: CauseConfig) -> bool:
+    """Whether a scale is away from 1 by so many of its errors, and by more than small errors of maps."""
     change = abs(np.log(found.scale))
-    num_errors = settings.num_clear_errors if is_clear else settings.num_errors
     least = max(settings.min_scale, num_errors * found.log_error)
     return bool(least < change <= 2.0 * settings.scale_step)
 
@@ -158,3 +172,19 @@ def scaled_finding(
     )
     # At most one of both is right.
     return Finding("ambiguous", min(finding.confidence, 1.0 - found.confidence), reason, finding.none)
+
+
+def doubted_scale_finding(finding: Finding, similarity: Similarity) -> Finding:
+    """The verdict on an accepted pose where map b may have another scale.
+
+    Args:
+        finding: The verdict before.
+        similarity: The scale, which explains the maps as well.
+    """
+    size = 1.0 / similarity.scale - 1.0
+    reason = (
+        f"Map b may be {'larger' if size > 0 else 'smaller'} by {100 * abs(size):.1f} % (standard error "
+        f"{100 * similarity.log_error:.1f} %), which explains the maps as well as the scale that it has: bring both "
+        "maps to metres (voxjax convert --scale, VoxelGrid.placed), or give larger maps, which show the scale better."
+    )
+    return finding._replace(verdict="ambiguous", confidence=min(finding.confidence, 0.5), reason=reason)

@@ -28,6 +28,7 @@ class CauseConfig(Settings, table="cause"):
         min_scale: Scales whose logarithm is nearer to 0 than this are errors of the maps.
         num_errors: How many times its standard error the logarithm of a scale must be away from 0.
         num_clear_errors: The same where the score gains less than `min_gain`.
+        num_doubted_errors: The same for a scale that is not named, but at which an accepted pose becomes ambiguous.
         scale_step: Logarithm of the ratio of the scales that are searched, of which there are three: the middle one is
             1. Half of it is what coarse cells bridge.
         num_starts: Best poses of all scales from which map b is aligned with a scale.
@@ -49,6 +50,7 @@ class CauseConfig(Settings, table="cause"):
     min_scale: float = setting(0.01, low=0.0, high=1.0)
     num_errors: float = setting(3.0, low=0.0, high=1_000.0)
     num_clear_errors: float = setting(4.0, low=0.0, high=1_000.0)
+    num_doubted_errors: float = setting(2.0, low=0.0, high=1_000.0)
     scale_step: float = setting(0.07, above=0.0, high=0.2)
     num_starts: int = setting(16, low=1, high=10_000)
     num_rough_points: int = setting(512, low=8, high=1_000_000)

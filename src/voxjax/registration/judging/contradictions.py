@@ -17,6 +17,7 @@ from ..._runtime.threads import spread
 from ...maps.prepared import FIELD_RADIUS, PreparedMap
 from ...ops.evidence.nearest import split_keys
 from ...ops.evidence.scoring import CONFLICT, HIT
+from ..hypotheses.kept import kept_of_pair
 from ..hypotheses.map_features import MapFeatures
 from .pieces import cells_of_points, pieces_of
 from .settings import VerdictConfig
@@ -61,27 +62,31 @@ class Contradictions(NamedTuple):
 
 
 def find_contradictions(
-    a: MapFeatures,
-    b: MapFeatures,
-    T_a_b: np.ndarray,
-    settings: VerdictConfig | None = None,
-    *,
-    structures: tuple[np.ndarray, np.ndarray] | None = None,
+    a: MapFeatures, b: MapFeatures, T_a_b: np.ndarray, settings: VerdictConfig | None = None
 ) -> Contradictions:
-    """Pieces of either map in free space of the other, beyond what drift explains.
+    """Pieces of either map in free space of the other, beyond what drift explains; found once for each pose.
 
     Args:
         a: First map.
         b: Second map.
         T_a_b: Pose (4, 4) between the local frames of the features.
         settings: How large a piece and a wall are.
-        structures: Which voxels of a and of b lie on walls, floors and ceilings; None finds out (`lies_on_structure`).
     """
     settings = VerdictConfig() if settings is None else settings
-    if structures is None:
-        structures = structures_of(a, b, settings)
     T = np.asarray(T_a_b, np.float64)
-    ways = [(a, b, T, structures[1]), (b, a, np.asarray(rigid.inverse(T)), structures[0])]
+    # Rivals are looked at in each round, and the first pose once more for the report.
+    key = ("contradictions", T.tobytes(), settings)
+    return kept_of_pair(a, b, key, partial(_find, a, b, T, settings))
+
+
+def _find(
+    a: MapFeatures, b: MapFeatures, T: Float[np.ndarray, "4 4"], settings: VerdictConfig
+) -> Contradictions:
+    """`find_contradictions`, whether anything is kept or not."""
+    one = partial(lies_on_structure, min_share=settings.min_structure_share)
+    key = ("structures", settings.min_structure_share)
+    is_in_a, is_in_b = kept_of_pair(a, b, key, lambda: spread(one, (a, b)))
+    ways = [(a, b, T, is_in_b), (b, a, np.asarray(rigid.inverse(T)), is_in_a)]
     found = spread(lambda way: _one_way(*way, settings=settings), ways)
     pieces = []
     for name, (*_, parts) in zip("ba", found, strict=True):
@@ -96,13 +101,6 @@ def find_contradictions(
     in_pieces = sum(piece.area for piece in pieces)
     agreeing, loose, conflicting = np.sum([way[:3] for way in found], axis=0).tolist()
     return Contradictions(in_pieces / max(in_pieces + loose, 1e-12), agreeing, conflicting, tuple(pieces))
-
-
-def structures_of(a: MapFeatures, b: MapFeatures, settings: VerdictConfig) -> tuple[np.ndarray, np.ndarray]:
-    """Which voxels of either map lie on walls, floors and ceilings."""
-    one = partial(lies_on_structure, min_share=settings.min_structure_share)
-    is_in_a, is_in_b = spread(one, (a, b))
-    return is_in_a, is_in_b
 
 
 def _one_way(

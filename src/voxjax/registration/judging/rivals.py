@@ -10,7 +10,7 @@ import numpy as np
 
 from ..._runtime.threads import spread
 from ..hypotheses.map_features import MapFeatures
-from .contradictions import find_contradictions, structures_of
+from .contradictions import find_contradictions
 from .judgement import Judgement
 from .leaders import Leaders
 from .settings import VerdictConfig
@@ -28,17 +28,13 @@ def weigh_rivals(a: MapFeatures, b: MapFeatures, leaders: Leaders, settings: Ver
     judgement = leaders.judgement
     # Contradictions decide between rivals alone, and looking for them passes over all voxels of both maps. Where free
     # space is not known there are none.
-    # What was found in an earlier round stays: a rival shares some surface.
-    is_new = rivals(judgement, settings.min_rival_share) & (judgement.shared == 0.0)
-    if judgement.has_free_space and is_new.any():
-        look = partial(find_contradictions, a, b, settings=settings, structures=structures_of(a, b, settings))
-        found = spread(look, leaders.poses[is_new])
-        columns = [
-            np.array(part)
-            for part in (judgement.changed, judgement.moved, judgement.pieces, judgement.shared)
-        ]
+    is_rival = rivals(judgement, settings.min_rival_share)
+    if judgement.has_free_space and is_rival.any():
+        look = partial(find_contradictions, a, b, settings=settings)
+        found = spread(look, leaders.poses[is_rival])
+        columns = [np.zeros(len(is_rival)) for _ in range(4)]
         for column, part in zip(columns, ("share", "area", "conflicting", "agreeing"), strict=True):
-            column[is_new] = [getattr(one, part) for one in found]
+            column[is_rival] = [getattr(one, part) for one in found]
         judgement = judgement._replace(
             changed=columns[0], moved=columns[1], pieces=columns[2], shared=columns[3]
         )
