@@ -44,7 +44,7 @@ class Coefficients(NamedTuple):
 
 
 WITH_FREE_SPACE = Coefficients(none=4.0, strength=2.0, contrast=1.7, changed=2.5, crowd=1.4)
-WITHOUT_FREE_SPACE = Coefficients(none=-3.4, strength=0.0, contrast=2.2, changed=0.0, crowd=1.0)
+WITHOUT_FREE_SPACE = Coefficients(none=-3.2, strength=0.0, contrast=2.6, changed=0.0, crowd=1.0)
 """Without free space nothing can speak against a pose, and how large a share of a map agrees says little."""
 
 
