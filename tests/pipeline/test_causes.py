@@ -106,3 +106,11 @@ def test_an_accepted_pose_is_ambiguous_where_another_scale_explains_as_much(maps
         assert found.verdict == expected
         assert ("Map b may be larger by 5.3 % (standard error 2.0 %)" in found.reason) == (score > 0.0)
         assert found.stats["scale"] == {"scale": 0.95, "log_error": 0.02}
+
+
+def test_an_accepted_pose_is_ambiguous_where_map_b_may_have_any_size(maps, monkeypatch):
+    near = Similarity(0.2, np.eye(4, dtype=np.float32), 0.1, 0.5)
+    monkeypatch.setattr("voxjax.pipeline.causes._similarity_of", lambda *_: (near, -1.0))
+    found = register(*maps)
+    assert found.verdict == "ambiguous"
+    assert found.reason.startswith("What agrees would agree as well if map b had another size")

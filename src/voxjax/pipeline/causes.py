@@ -16,8 +16,10 @@ from ..registration.causes.handedness import (
     mirrored_finding,
 )
 from ..registration.causes.scale import (
+    any_scale_finding,
     best_similarity,
     doubted_scale_finding,
+    is_any_scale,
     is_other_scale,
     may_be_other_scale,
     scaled_finding,
@@ -112,7 +114,7 @@ def explain(pair: Questioned, *, decide: Decide, settings: Config, stages: Stage
 
 
 def _with_doubts(pair: Questioned, near: tuple[Similarity, float] | None, settings: Config) -> Finding:
-    """The verdict; ambiguous where a scale that is probably not 1 explains an accepted pose as well.
+    """The verdict; ambiguous where an accepted pose leaves open how large map b is.
 
     Args:
         pair: The maps, and what is said of them.
@@ -120,7 +122,11 @@ def _with_doubts(pair: Questioned, near: tuple[Similarity, float] | None, settin
         settings: Settings of the stages.
     """
     finding = pair.finding
-    if finding.verdict != "accepted" or near is None or not may_be_other_scale(near[0], settings.cause):
+    if finding.verdict != "accepted" or near is None:
+        return finding
+    if is_any_scale(near[0], settings.cause):
+        return any_scale_finding(finding)
+    if not may_be_other_scale(near[0], settings.cause):
         return finding
     # Judged by the same voxels as the similarity.
     given = _roughly_judged(pair.a, pair.b, pair.leaders.poses[:1], settings)

@@ -5,8 +5,10 @@ import pytest
 
 from hand_made_leaders import ACCEPTED, leaders
 from voxjax.registration.causes.scale import (
+    any_scale_finding,
     best_similarity,
     doubted_scale_finding,
+    is_any_scale,
     is_other_scale,
     may_be_other_scale,
     scaled_finding,
@@ -94,4 +96,16 @@ def test_the_reason_of_a_doubt_gives_the_scale_with_its_error(scale, words):
         f"Map b may be {words} (standard error 2.0 %), which explains the maps as well as the scale that it has: bring "
         "both maps to metres (voxjax convert --scale, VoxelGrid.placed), or give larger maps, which show the scale "
         "better."
+    )
+
+
+def test_alignment_that_shrinks_a_map_onto_a_corner_leaves_its_size_open():
+    assert is_any_scale(similarity(0.18, 0.13), CAUSE)
+    assert is_any_scale(similarity(3.0, 0.01), CAUSE)
+    assert not is_any_scale(similarity(0.95, 0.02), CAUSE)
+    found = any_scale_finding(ACCEPTED)
+    assert (found.verdict, found.confidence) == ("ambiguous", 0.5)
+    assert found.reason == (
+        "What agrees would agree as well if map b had another size, as walls of a single corner would, and those of "
+        "other places do; what would help are maps that share more of the place."
     )

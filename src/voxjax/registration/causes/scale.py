@@ -143,6 +143,16 @@ def may_be_other_scale(found: Similarity, settings: CauseConfig) -> bool:
     return _is_away(found, settings.num_doubted_errors, settings)
 
 
+def is_any_scale(found: Similarity, settings: CauseConfig) -> bool:
+    """Whether alignment has shrunk or blown up map b: what agrees leaves its size open, as a single corner would.
+
+    Args:
+        found: The similarity that alignment leads to from a pose of the map as it is.
+        settings: How far scales are looked for.
+    """
+    return bool(abs(np.log(found.scale)) > 2.0 * settings.scale_step)
+
+
 def _is_away(found: Similarity, num_errors: float, settings: CauseConfig) -> bool:
     """Whether a scale is away from 1 by so many of its errors, and by more than small errors of maps."""
     change = abs(np.log(found.scale))
@@ -186,5 +196,18 @@ def doubted_scale_finding(finding: Finding, similarity: Similarity) -> Finding:
         f"Map b may be {'larger' if size > 0 else 'smaller'} by {100 * abs(size):.1f} % (standard error "
         f"{100 * similarity.log_error:.1f} %), which explains the maps as well as the scale that it has: bring both "
         "maps to metres (voxjax convert --scale, VoxelGrid.placed), or give larger maps, which show the scale better."
+    )
+    return finding._replace(verdict="ambiguous", confidence=min(finding.confidence, 0.5), reason=reason)
+
+
+def any_scale_finding(finding: Finding) -> Finding:
+    """The verdict on an accepted pose under which any scale of map b agrees as well.
+
+    Args:
+        finding: The verdict before.
+    """
+    reason = (
+        "What agrees would agree as well if map b had another size, as walls of a single corner would, and "
+        "those of other places do; what would help are maps that share more of the place."
     )
     return finding._replace(verdict="ambiguous", confidence=min(finding.confidence, 0.5), reason=reason)
