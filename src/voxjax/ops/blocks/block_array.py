@@ -224,12 +224,16 @@ class BlockArray(eqx.Module):
             return np.zeros(3, np.int64), np.zeros(3, np.int64)
         rows = np.asarray(self.table)[tuple(blocks.T)]
         low, high = np.zeros(3, np.int64), np.zeros(3, np.int64)
-        for axis in range(3):
-            others = tuple(other + 1 for other in range(3) if other != axis)
-            hit = (np.asarray(self.pool) != 0).any(axis=others)
-            first, last = hit.argmax(axis=1), BLOCK - hit[:, ::-1].argmax(axis=1)
-            low[axis] = (BLOCK * blocks[:, axis] + first[rows]).min()
-            high[axis] = (BLOCK * blocks[:, axis] + last[rows]).max()
+
+        def layers(chosen: np.ndarray, axis: int) -> np.ndarray:
+            cells = np.asarray(self.pool)[np.unique(rows[chosen])] != 0
+            return np.flatnonzero(cells.any(axis=tuple(other for other in range(4) if other != axis + 1)))
+
+        for axis, place in enumerate(blocks.T):
+            # Each of these blocks holds something, so that the outermost ones alone tell where it begins and ends.
+            first, last = int(place.min()), int(place.max())
+            low[axis] = BLOCK * first + layers(place == first, axis)[0]
+            high[axis] = BLOCK * last + layers(place == last, axis)[-1] + 1
         return low, high
 
     def equals(self, other: "BlockArray") -> bool:

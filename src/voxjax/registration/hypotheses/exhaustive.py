@@ -118,8 +118,7 @@ def exhaustive_hypotheses(
 
 def upright_sides(prepared: PreparedMap, frame: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
     """Sides of a map's box in its `upright_frame`, longest first, float64 (3,) [m]."""
-    points = np.asarray(prepared.points)[: prepared.num_points]
-    low, high = _box(points, frame, prepared.grid.voxel_size)
+    low, high = _box(_outermost(prepared), frame, prepared.grid.voxel_size)
     return np.sort(high - low)[::-1].astype(np.float64)
 
 
