@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from voxjax.registration.hypotheses.directions import dominant_directions
+from voxjax.registration.hypotheses.directions import dominant_directions, is_free_to_turn
 from voxjax.registration.hypotheses.settings import RotationConfig
 
 AXES = np.eye(3)
@@ -48,3 +48,12 @@ def test_no_normals_have_no_directions():
     directions, shares = dominant_directions(np.zeros((0, 3), np.float32), np.zeros(0, np.float32))
     assert directions.shape == (0, 3)
     assert shares.shape == (0,)
+
+
+def test_ground_with_trees_leaves_all_turns_open_and_walls_do_not():
+    settings = RotationConfig()
+    ground = np.stack([AXES[2], [0.0, 0.2, 0.98], AXES[0]])
+    assert is_free_to_turn(ground, np.asarray([0.8, 0.1, 0.02]), settings)
+    assert not is_free_to_turn(ground, np.asarray([0.6, 0.1, 0.08]), settings)
+    assert is_free_to_turn(AXES[:1], np.ones(1), settings)
+    assert is_free_to_turn(np.zeros((0, 3)), np.zeros(0), settings)

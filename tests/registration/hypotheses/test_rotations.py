@@ -9,6 +9,7 @@ from voxjax.registration.hypotheses.rotations import (
     pair_rotations,
     rotation_hypotheses,
     sharpen_rotations,
+    turned_about,
 )
 
 AXES = np.asarray([[1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
@@ -80,3 +81,27 @@ def test_sharpening_climbs_and_stays_a_rotation(is_signed):
         np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-5)
         assert np.linalg.det(R) > 0
         assert angle(R) < 0.5
+
+
+def test_turns_about_a_direction_are_evenly_spread_and_keep_it():
+    a, b = (Rotation.random(rng=np.random.default_rng(seed)).as_matrix()[0] for seed in (1, 2))
+    found = turned_about(a, b, 12)
+    assert found.shape == (24, 3, 3)
+    np.testing.assert_allclose(found @ np.swapaxes(found, 1, 2), np.tile(np.eye(3), (24, 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(found), 1.0)
+    np.testing.assert_allclose(found @ b, np.repeat([a, -a], 12, axis=0), atol=1e-12)
+    between = [angle(found[row].T @ found[row + 1]) for row in (*range(11), *range(12, 23))]
+    np.testing.assert_allclose(between, 30.0)
+
+
+def test_where_ground_alone_is_seen_all_turns_are_tried():
+    R = Rotation.random(rng=np.random.default_rng(3)).as_matrix()
+    a = noisy_normals(AXES[2:], [512], 2.0, 1)
+    b = noisy_normals(AXES[2:] @ R, [512], 2.0, 2)
+    found = [dominant_directions(n, np.ones(len(n), np.float32))[0] for n in (a, b)]
+    assert len(rotation_hypotheses(a, b, *found, is_signed=True)[0]) == 0
+    rotations, _ = rotation_hypotheses(a, b, *found, is_signed=True, is_free_to_turn=True)
+    assert len(rotations) == 48
+    assert min(angle(each.T @ R) for each in rotations.astype(np.float64)) < 6.0
+    # The ground of one map is not the sky of the other.
+    np.testing.assert_array_less(0.99, rotations[:, 2] @ R[2])

@@ -55,3 +55,20 @@ def dominant_directions(
         shares.append(float(weights[taken & is_free].sum(dtype=np.float64)) / total)
         is_free &= ~taken
     return np.reshape(np.asarray(directions), (-1, 3)), np.asarray(shares)
+
+
+def is_free_to_turn(
+    directions: Float[np.ndarray, "k 3"], shares: Float[np.ndarray, "k"], settings: RotationConfig
+) -> bool:
+    """Whether hardly any surface of a map fixes a turn about its strongest direction.
+
+    Args:
+        directions: Dominant directions.
+        shares: Share of the surface along each.
+        settings: What counts as another direction, and how much surface fixes a turn.
+    """
+    if len(directions) == 0:
+        return True
+    best = int(np.argmax(shares))
+    is_other = np.abs(directions @ directions[best]) <= np.cos(np.radians(settings.min_angle))
+    return bool(shares[is_other].max(initial=0.0) < settings.min_second * shares[best])

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float32
 
+from .directions import is_free_to_turn
 from .kept import kept_of_pair
 from .map_features import MapFeatures
 from .rotations import rotation_hypotheses
@@ -31,6 +32,7 @@ def rotations_of_pair(
             a.directions,
             b.directions,
             is_signed=a.prepared.has_free_space and b.prepared.has_free_space,
+            is_free_to_turn=any(is_free_to_turn(each.directions, each.shares, settings) for each in (a, b)),
             max_lean=max_lean,
             max_rotations=max_rotations,
             settings=settings,

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32
+from scipy.spatial.transform import Rotation
 
 from ..._runtime.pieces import over_pieces
 from ..._runtime.precision import in_full_precision
@@ -66,6 +67,28 @@ def pair_rotations(
                         frame_b = _frame(flip * directions_b[k], flip * sign * directions_b[m])
                         rotations.append(frame_a @ frame_b.T)
     return np.reshape(np.asarray(rotations), (-1, 3, 3))
+
+
+def turned_about(
+    direction_a: Float[np.ndarray, "3"], direction_b: Float[np.ndarray, "3"], num_turns: int
+) -> Float[np.ndarray, "k 3 3"]:
+    """Rotations that map a direction of b onto one of a, up to its sign, with evenly spread turns about it.
+
+    Args:
+        direction_a: Unit vector.
+        direction_b: Unit vector.
+        num_turns: Turns for each sign.
+    """
+    turns = Rotation.from_rotvec(np.outer(np.arange(num_turns) * (2.0 * np.pi / num_turns), direction_a))
+    first = [_frame_along(direction_a) @ _frame_along(sign * direction_b).T for sign in (1.0, -1.0)]
+    return np.concatenate([(turns * Rotation.from_matrix(rotation)).as_matrix() for rotation in first])
+
+
+def _frame_along(direction: np.ndarray) -> np.ndarray:
+    """Right-handed orthonormal frame, as columns, of which a direction is the first."""
+    across = np.cross(direction, np.eye(3)[np.argmin(np.abs(direction))])
+    across /= np.linalg.norm(across)
+    return np.stack([direction, across, np.cross(direction, across)], axis=1)
 
 
 @kept_program
@@ -130,6 +153,7 @@ def rotation_hypotheses(
     directions_b: np.ndarray,
     *,
     is_signed: bool,
+    is_free_to_turn: bool = False,
     max_lean: float | None = None,
     max_rotations: int = SourceConfig.max_rotations,
     settings: RotationConfig | None = None,
@@ -142,6 +166,7 @@ def rotation_hypotheses(
         directions_a: Dominant directions of a, (p, 3).
         directions_b: Dominant directions of b, (q, 3).
         is_signed: Whether the normals point into free space in both maps.
+        is_free_to_turn: Try all turns about the strongest directions, too: nothing else fixes a turn about them.
         max_lean: Keep only rotations that tilt the vertical by less than this [deg]; None keeps all.
         max_rotations: Largest number of rotations.
         settings: How rotations are found; None for the defaults.
@@ -154,6 +179,8 @@ def rotation_hypotheses(
     seeds = pair_rotations(
         directions_a, directions_b, angle_tolerance=chosen.angle_tolerance, min_angle=chosen.min_angle
     )
+    if is_free_to_turn and len(directions_a) and len(directions_b):
+        seeds = np.concatenate([seeds, turned_about(directions_a[0], directions_b[0], chosen.num_turns)])
     if max_lean is not None:
         # Rotations that cannot be are left out before they take the time, and the places, of those that can.
         seeds = seeds[seeds[:, 2, 2] > np.cos(np.radians(max_lean))]

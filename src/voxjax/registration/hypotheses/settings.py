@@ -70,6 +70,9 @@ class RotationConfig(Settings, table="rotation"):
         angle_tolerance: Largest difference of the angle between two directions in each map [deg].
         min_angle: Two directions nearer to each other than this fix the rotation about themselves badly, and propose
             none [deg].
+        min_second: Where no direction that is `min_angle` or more away from a map's strongest one has this share of the
+            latter's surface, all turns about it are tried: ground alone, with trees or stones on it, fixes none.
+        num_turns: Turns that are tried then, for each of both signs of the direction.
         concentration: k of the kernel exp(k (cos - 1)) between normals: 60 is about 7.4 degrees.
         rough_stride: One in so many of the normals sharpens the seeds, of which most lead to the same few rotations;
             all normals then sharpen those few and rank them.
@@ -90,6 +93,8 @@ class RotationConfig(Settings, table="rotation"):
     min_share: float = setting(0.01, low=0.0, high=1.0)
     angle_tolerance: float = setting(6.0, low=0.0, high=90.0)
     min_angle: float = setting(30.0, above=0.0, high=90.0)
+    min_second: float = setting(0.1, low=0.0, high=1.0)
+    num_turns: int = setting(48, low=1, high=1_000)
     concentration: float = setting(60.0, above=0.0, high=10_000.0)
     rough_stride: int = setting(4, low=1, high=1_000)
     max_seeds: int = setting(1_000, low=1, high=1_000_000)
