@@ -80,11 +80,19 @@ def test_the_reason_says_by_how_much_map_b_is_too_large(scale, words):
 
 @pytest.mark.parametrize(
     ("scale", "log_error", "expected"),
-    [(1.05, 0.02, True), (0.95, 0.02, True), (1.05, 0.03, False), (1.008, 0.001, False), (0.5, 0.01, False)],
+    [
+        (1.05, 0.02, True),
+        (0.95, 0.02, True),
+        (1.05, 0.03, False),
+        (1.014, 0.006, False),
+        (1.008, 0.001, False),
+        (0.5, 0.01, False),
+    ],
 )
 def test_a_scale_is_doubted_before_it_is_named(scale, log_error, expected):
     assert may_be_other_scale(similarity(scale, log_error), CAUSE) == expected
     assert not is_other_scale(similarity(scale, log_error), CAUSE)
+    assert may_be_other_scale(similarity(1.02, 0.005), CAUSE)
 
 
 @pytest.mark.parametrize(("scale", "words"), [(0.95, "larger by 5.3 %"), (1.06, "smaller by 5.7 %")])

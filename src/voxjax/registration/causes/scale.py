@@ -136,11 +136,16 @@ def is_other_scale(found: Similarity, settings: CauseConfig, *, is_clear: bool =
 def may_be_other_scale(found: Similarity, settings: CauseConfig) -> bool:
     """Whether a scale differs from 1 by so much that nobody can rely on a pose of the map as it is.
 
+    Drift alone puts scales of right poses away from 1 by 1 % and two of their errors.
+
     Args:
         found: The similarity.
-        settings: How much that is.
+        settings: How much is too much.
     """
-    return _is_away(found, settings.num_doubted_errors, settings)
+    is_far = bool(abs(np.log(found.scale)) > 2.0 * settings.min_scale)
+    return is_other_scale(found, settings) or (
+        is_far and _is_away(found, settings.num_doubted_errors, settings)
+    )
 
 
 def is_any_scale(found: Similarity, settings: CauseConfig) -> bool:

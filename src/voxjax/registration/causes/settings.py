@@ -28,7 +28,8 @@ class CauseConfig(Settings, table="cause"):
         min_scale: Scales whose logarithm is nearer to 0 than this are errors of the maps.
         num_errors: How many times its standard error the logarithm of a scale must be away from 0.
         num_clear_errors: The same where the score gains less than `min_gain`.
-        num_doubted_errors: The same for a scale that is not named, but at which an accepted pose becomes ambiguous.
+        num_doubted_errors: The same for a scale that is not named, but at which an accepted pose becomes ambiguous;
+            fewer than `num_errors`, for logarithms beyond twice `min_scale`.
         scale_step: Logarithm of the ratio of the scales that are searched, of which there are three: the middle one is
             1. Half of it is what coarse cells bridge.
         num_starts: Best poses of all scales from which map b is aligned with a scale.
