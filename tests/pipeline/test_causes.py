@@ -10,6 +10,7 @@ from small_worlds import FURNITURE, OTHER_FURNITURE, OTHER_ROOMS, draw_map, pose
 from voxjax._results import RESULTS
 from voxjax.maps.mirrored import mirrored_grid
 from voxjax.registration.causes.similarity import Similarity
+from voxjax.registration.hypotheses.proposals import Proposals
 
 T_MAP_WORLD = pose(yaw=-71.0, tilt=25.0, translation=(-4.0, 2.5, 0.7))
 FIRST_ROUND = {"source": {"corners": False, "subgraph": False, "descriptors": False}}
@@ -114,3 +115,20 @@ def test_an_accepted_pose_is_ambiguous_where_map_b_may_have_any_size(maps, monke
     found = register(*maps)
     assert found.verdict == "ambiguous"
     assert found.reason.startswith("What agrees would agree as well if map b had another size")
+
+
+def test_the_image_of_a_cloud_that_was_accepted_is_looked_for_in_fine_cells(maps, monkeypatch):
+    # Of maps that saw no free space nothing speaks against a pose, and coarse cells may miss the image's.
+    a, b = (
+        vx.VoxelGrid(np.where(grid.states == 2, 2, 0).astype(np.uint8), grid.origin, grid.voxel_size)
+        for grid in maps
+    )
+    nothing = Proposals(np.zeros((0, 4, 4), np.float32), (), 0, {})
+    monkeypatch.setattr("voxjax.pipeline.causes.coarse_proposals", lambda *_, **__: nothing)
+    monkeypatch.setattr("voxjax.pipeline.pair.coarse_proposals", lambda *_, **__: nothing)
+    # These maps are so clean that the accepted pose would not be questioned.
+    monkeypatch.setattr("voxjax.pipeline.causes.is_questionable", lambda *_: True)
+    found = register(a, b)
+    assert found.stats["free_space"] == "inferred"
+    assert found.accepted
+    assert -1.0 < found.stats["handedness"]["mirrored_score"] < found.stats["handedness"]["score"]

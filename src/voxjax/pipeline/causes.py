@@ -26,11 +26,11 @@ from ..registration.causes.scale import (
 )
 from ..registration.causes.similarity import Similarity, Start
 from ..registration.hypotheses.changed_features import mirrored_features, scaled_features
-from ..registration.hypotheses.map_features import MapFeatures
+from ..registration.hypotheses.map_features import MapFeatures, worse_free_space
 from ..registration.hypotheses.pose_range import PoseRange
-from ..registration.hypotheses.proposals import Proposals
+from ..registration.hypotheses.proposals import Proposals, propose_exhaustively
 from ..registration.judging.judgement import judge_poses
-from ..registration.judging.leaders import Leaders, Tried, find_leaders
+from ..registration.judging.leaders import Leaders, Tried, find_leaders, merge_leaders
 from ..registration.judging.rivals import weigh_rivals
 from ..registration.judging.verdict import Finding
 from .coarse import coarse_proposals, coarse_starts_of
@@ -138,6 +138,9 @@ def _mirrored(pair: Questioned, decide: Decide, settings: Config, stages: Stages
     given, finding = pair.leaders, pair.finding
     image = mirrored_features(pair.b)
     mirrored = _leaders_of(pair, image, decide, settings, stages)
+    if finding.verdict == "accepted" and worse_free_space(pair.a, pair.b) != "observed" and pair.factor == 1:
+        # Nothing that was seen speaks against the pose: its image is looked for as thoroughly as it was.
+        mirrored = _with_finer_search(pair.a, image, mirrored, settings)
     found = decide(image, mirrored)
     figures = {
         "score": best_score(given),
@@ -246,6 +249,22 @@ def _searched(
     fewer = replace(leader, num_refined=min(leader.num_refined, settings.cause.num_refined))
     leaders = find_leaders(a.prepared, b.prepared, proposed, fewer, settings.evidence)
     return weigh_rivals(a, b, leaders, settings.verdict)
+
+
+def _with_finer_search(a: MapFeatures, b: MapFeatures, leaders: Leaders, settings: Config) -> Leaders:
+    """Leaders with those of the exhaustive search in its finest cells."""
+    proposed = propose_exhaustively(
+        a,
+        b,
+        settings.source,
+        max_lean=None,
+        conflict_weight=settings.evidence.coarse_conflict_weight,
+        rotation=settings.rotation,
+        exhaustive=settings.exhaustive,
+    )
+    found = find_leaders(a.prepared, b.prepared, proposed, settings.leader, settings.evidence)
+    both = merge_leaders(a.prepared, b.prepared, leaders, found, settings.leader)
+    return weigh_rivals(a, b, both, settings.verdict)
 
 
 def _roughly_judged(a: MapFeatures, b: MapFeatures, poses: np.ndarray, settings: Config) -> Leaders:
