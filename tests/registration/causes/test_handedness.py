@@ -51,6 +51,11 @@ def test_shares_and_scores_of_nothing():
         (ACCEPTED, leaders(0.6, 0.003), leaders(0.62, 0.003), ACCEPTED, False),
         (ACCEPTED, leaders(0.6, 0.04), leaders(0.6, 0.003), UNSURE, False),
         (NOTHING, leaders(0.1, 0.02), leaders(0.6, 0.003), UNSURE, True),
+        # Which pose of the changed map is right may be open where it is twice as strong.
+        (NOTHING, leaders(0.1, 0.02), leaders(0.6, 0.003), UNSURE._replace(confidence=0.3), True),
+        (NOTHING, leaders(0.35, 0.003), leaders(0.6, 0.003), UNSURE._replace(confidence=0.3), False),
+        (NOTHING, leaders(0.35, 0.003), leaders(0.6, 0.003), UNSURE, True),
+        (NOTHING, leaders(0.1, 0.02), leaders(0.6, 0.003), UNSURE._replace(none=0.6), False),
         (NOTHING, leaders(0.1, 0.1), leaders(0.6, 0.003), NOTHING, False),
         (NOTHING, leaders(0.1, 0.1), leaders(0.1, 0.001), ACCEPTED, True),
         (NOTHING, NONE, leaders(0.6, 0.003), ACCEPTED, True),

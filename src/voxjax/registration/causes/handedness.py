@@ -55,9 +55,12 @@ def is_better(
     """
     # To take an acceptance back asks for another one; where there is none, a cause is named that is more probable than
     # not.
-    if found.verdict != "accepted" and (finding.verdict == "accepted" or found.confidence <= 0.5):
+    if found.verdict != "accepted" and (finding.verdict == "accepted" or found.none >= 0.5):
         return False
     gain = settings.min_clear_gain if is_clear else settings.min_gain
+    # Where it is open which pose of the changed map is right, those of the map as it is must be no rivals of them.
+    if found.verdict != "accepted" and found.confidence <= 0.5:
+        gain = max(gain, settings.min_open_gain)
     return best_strength(changed) > (1.0 + gain) * max(best_strength(given), 0.0)
 
 

@@ -17,6 +17,7 @@ class CauseConfig(Settings, table="cause"):
             share of the former.
         min_clear_gain: The same where the mirror image has less than half of the conflicts, or a scale is away from 1
             by `num_clear_errors` of its standard error: nearly symmetric buildings and rough terrain gain little.
+        min_open_gain: The same where it is open which pose of the mirrored or scaled map is right.
         max_cells: Cells of the blocks in which translations are searched, at most, where the widest cells allow it.
         num_peaks: Translations kept for each rotation.
         distinct_voxels: Poses of the search that put the centroid of map b nearer to each other than this [voxel] and
@@ -42,6 +43,7 @@ class CauseConfig(Settings, table="cause"):
     max_clean_conflict: float = setting(0.005, low=0.0, high=1.0)
     min_gain: float = setting(0.05, low=0.0, high=100.0)
     min_clear_gain: float = setting(0.01, low=0.0, high=100.0)
+    min_open_gain: float = setting(1.0, low=0.0, high=100.0)
     max_cells: int = setting(60_000, low=1, high=1_000_000_000)
     num_peaks: int = setting(8, low=1, high=1_000)
     distinct_voxels: float = setting(5.0, low=0.0, high=1_000.0)
