@@ -17,6 +17,7 @@ from ..grid import VoxelGrid, check_grid
 from ..maps.main_part import main_part
 from ..refinement.refine import Refinement, refine
 from ..registration.causes.units import far_unit
+from ..registration.hypotheses.kept import forget_pair
 from ..registration.hypotheses.map_features import MapFeatures, worse_free_space
 from ..registration.hypotheses.pose_range import PoseRange
 from ..registration.hypotheses.proposals import Proposals
@@ -199,6 +200,7 @@ def register_features(
         )
     # The second round may find nothing either; then there is no pose to refine.
     if len(leaders.poses) == 0:
+        forget_pair(a, b)
         return nothing_found(finding.reason, RESULTS.too_few_corners, counts | {"seconds": stages.seconds})
     if has_free_space:
         with stages.measure("contradictions"):
@@ -208,6 +210,7 @@ def register_features(
     explained = explain(
         Questioned(a, b, leaders, finding, factor), decide=verdict, settings=settings, stages=stages
     )
+    forget_pair(a, b)
     standing = explained.finding.standing
     counts["verdict"] = None if standing is None else standing._asdict()
 

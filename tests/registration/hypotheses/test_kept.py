@@ -4,7 +4,7 @@ import gc
 import weakref
 
 from small_worlds import draw_map
-from voxjax.registration.hypotheses.kept import kept_of_pair
+from voxjax.registration.hypotheses.kept import forget_pair, kept_of_pair
 from voxjax.registration.hypotheses.map_features import map_features
 
 
@@ -32,3 +32,14 @@ def test_nothing_outlives_its_map(pair):
     del other
     gc.collect()
     assert found() is None
+
+
+def test_a_pair_is_forgotten_and_others_are_not(pair):
+    a, b, _ = pair
+    forget_pair(a, b)
+    found = iter(range(10))
+    assert kept_of_pair(a, b, "forgotten", lambda: next(found)) == 0
+    assert kept_of_pair(b, a, "forgotten", lambda: next(found)) == 1
+    forget_pair(a, b)
+    assert kept_of_pair(b, a, "forgotten", lambda: next(found)) == 1
+    assert kept_of_pair(a, b, "forgotten", lambda: next(found)) == 2

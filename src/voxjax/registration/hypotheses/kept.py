@@ -1,4 +1,4 @@
-"""What was found of a pair of maps is kept as long as both maps live: several searches need the same rotations."""
+"""What was found of a pair of maps is kept while the pair is registered: several searches need the same rotations."""
 
 from collections.abc import Callable, Hashable
 from typing import Any, TypeVar
@@ -27,3 +27,16 @@ def kept_of_pair(a: MapFeatures, b: MapFeatures, key: Hashable, find: Callable[[
     if key not in of_pair:
         of_pair[key] = find()
     return of_pair[key]
+
+
+def forget_pair(a: MapFeatures, b: MapFeatures) -> None:
+    """Let go of what is kept of two maps and their coarser copies: of many maps, all pairs would take gigabytes.
+
+    Args:
+        a: First map.
+        b: Second map.
+    """
+    for one in (a, *a.coarser.values()):
+        of_one = _KEPT.get(one, WeakKeyDictionary())
+        for other in (b, *b.coarser.values()):
+            of_one.pop(other, None)
